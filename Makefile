@@ -40,10 +40,10 @@ test-all: check
 
 # Lines and branches that either suite runs; and how often and in which time `make test` passes beside other work.
 coverage: $(TOOLS)
-	@$(BIN)/python benchmarks/suite_coverage.py $(ARGS)
+	@$(BIN)/python benchmarks/suite.py coverage $(ARGS)
 
 endurance: check
-	@$(BIN)/python benchmarks/suite_endurance.py $(ARGS)
+	@$(BIN)/python benchmarks/suite.py endurance $(ARGS)
 
 # On a busy machine mypy's workers may start too late for it: an exit code other than 1, which types have.
 check: $(TOOLS)
@@ -58,15 +58,12 @@ format: $(TOOLS)
 	@$(BIN)/ruff check --quiet --fix .
 
 # Each prints a table and fails where a bound is missed; all are run. The peers are those that are installed.
-BENCHMARKS := accuracy friction band_coverage friction_band encoder_band single_period_band plant_fit \
-              friction_identification drive_friction measured_bench_friction positioning controller_search autonomous \
-              coulomb_force maximum_likelihood law_selection slow_sliding loop_noise excitation_design dither \
-              random_machines wrong_friction certificate hostile_laws limit_checks limit_probability \
-              autonomous_measurement \
-              kernel contacts former_version compilation peer_table scaling monte_carlo set_up timing overhead store \
-              digests flipped_bits planning tui terminal window_leakage
+BENCHMARKS := accuracy band_coverage friction_bands plant_fit friction_identification positioning autonomous \
+              maximum_likelihood law_selection excitation_design random_machines wrong_friction hostile_laws limits \
+              autonomous_measurement measurements tuned_loops kernel contacts peer_table scaling monte_carlo timing \
+              store flipped_bits terminal tui
 # These disturb runs, for hours at full size.
-DISTURBANCES := histories outages torture dask_torture
+DISTURBANCES := long_draws torture dask_torture
 
 bench: $(TOOLS)
 	@failed=; for command in $(BENCHMARKS:%=%.py) $(DISTURBANCES:%="%.py --quick"); do \

@@ -5,33 +5,40 @@
 
 The paper's machine, with an encoder of 0.1 µm and 30 nm of noise. Force noise is white and added only to the recorded
 u: the drive applies another force than it reports. Beside it the conventional method at 12 N, fitted as for the paper's
-numbers. The exit code is 1 if a bound is missed.
+numbers.
 """
 
-import argparse
-import os
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import numpy as np
-from calibrate_machine import MACHINE, PRINTED, fitted, sections_of
+from friction_bands import squared_distance
+from harness import Bench, chance, run
+from paper_machine import (
+    FRICTION,
+    NOISE_M,
+    PAPER,
+    PATH,
+    PRINTED,
+    REGISTRY,
+    RESOLUTION_M,
+    fitted,
+    machine_of,
+    metrics_of,
+    response_of,
+    simulated,
+    true_response,
+)
 
 from fraexp.analysis.confidence import CONFIDENCE_LEVEL
-from fraexp.components.kinds import Controller, Estimator, Excitation, FrictionModel, Plant
-from fraexp.components.registry import create, discover
+from fraexp.components.kinds import Estimator
+from fraexp.components.registry import create
 from fraexp.data.results import Result
 from fraexp.data.signals import Signals
-from fraexp.simulation.loop import simulate_loop
-from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 
-REGISTRY = discover()
-SECTIONS = sections_of(MACHINE)
-SCALE = {"resolution": 0.1e-6, "noise": 30e-9}
+SCALE = {"resolution": RESOLUTION_M, "noise": NOISE_M}
 TRUTH = {"k0": 0.132, "f1": 38.8, "Coulomb force": 17.9, "viscous coefficient": 4.69}
 BOUNDS = {"k0": 0.01 * 0.132, "f1": 0.1}
 """Errors that no record may exceed."""
@@ -47,14 +54,8 @@ def stepped(amplitudes: tuple[float, ...], seed: int) -> dict[str, Any]:
 
 
 def multisine(levels: tuple[float, ...], seed: int) -> dict[str, Any]:
-    lines = {
-        "min_frequency": 1,
-        "max_frequency": 200,
-        "line_spacing": 0.5,
-        "points": 60,
-        "detection_group_size": 0,
-        "seed": seed,
-    }
+    lines = {"min_frequency": 1, "max_frequency": 200, "line_spacing": 0.5, "points": 60}
+    lines |= {"detection_group_size": 0, "seed": seed}
     sine = {"name": "multisine", "realisations": 4, "recorded_periods": 4, **lines}
     return {"name": "concatenated", "parts": [{**sine, "rms": level} for level in levels]}
 
@@ -83,15 +84,7 @@ CASES = (
 
 def record(case: Case, seed: int) -> Signals:
     """Return the signals of a case, with noise of its own for each seed."""
-    machine = Machine(
-        create(REGISTRY, Plant, SECTIONS["plant"]),
-        create(REGISTRY, FrictionModel, SECTIONS["friction"]),
-        create(REGISTRY, Controller, SECTIONS["controller"]),
-        ControlLoop.parse({**SECTIONS["loop"], **SCALE, "seed": seed}, "loop"),
-        Numerics(),
-    )
-    excitation = create(REGISTRY, Excitation, case.excitation(case.levels, seed))
-    signals = simulate_loop(machine, excitation, lambda _: None)
+    signals = simulated(machine_of(PAPER, **SCALE, seed=seed), case.excitation(case.levels, seed))
     generator = np.random.default_rng([1, seed])
     segments = []
     for segment in signals.segments:
@@ -103,21 +96,16 @@ def record(case: Case, seed: int) -> Signals:
 
 def held(result: Result) -> dict[str, float]:
     """Return which of the stated intervals cover the true value: 0 or 1, or a fraction of points."""
-    plant = create(REGISTRY, Plant, SECTIONS["plant"])
-    response = result.response
-    assert response is not None
+    response = response_of(result)
     assert response.model_covariance is not None
-    error = 1 / response.response - 1 / plant.response(2 * np.pi * response.frequency)
+    error = 1 / response.response - 1 / true_response(response.frequency)
     noise = np.trace(response.covariance, axis1=1, axis2=2) / np.abs(response.response) ** 4 / 2
-    covariance = response.model_covariance + noise[:, None, None] * np.eye(2)
-    parts = np.stack([error.real, error.imag], axis=1)
-    squared = np.einsum("ni,nij,nj->n", parts, np.linalg.inv(covariance), parts)
+    squared = squared_distance(error, response.model_covariance + noise[:, None, None] * np.eye(2))
     fit = next(fit for fit in result.fits if fit.kind == "plant")
-    metrics = {metric.name: metric.value for metric in result.metrics}
+    metrics = metrics_of(result)
     columns = next(curve for curve in result.curves if curve.name == "virgin curve").columns
     x = columns["displacement"]
-    friction = create(REGISTRY, FrictionModel, SECTIONS["friction"])
-    virgin = np.minimum(x[:, None], friction.limit_deflection) @ friction.element_stiffness  # type: ignore[attr-defined]
+    virgin = np.minimum(x[:, None], FRICTION.limit_deflection) @ FRICTION.element_stiffness  # type: ignore[attr-defined]
     inside = (columns["lower 95 %"] <= virgin) & (virgin <= columns["upper 95 %"])
     return {
         "P": float(np.mean(squared < -2 * np.log(1 - CONFIDENCE_LEVEL))),
@@ -129,62 +117,46 @@ def held(result: Result) -> dict[str, float]:
     }
 
 
-def measured(case: Case, count: int) -> Iterator[bool]:
-    """Print errors and coverage of a case; yield whether a bound is missed."""
-    estimator: Any = create(
-        REGISTRY,
-        Estimator,
-        {"name": "plant_and_friction", **SCALE, "input_dead_time": SECTIONS["loop"]["input_dead_time"]},
+def plant_and_friction(bench: Bench) -> None:
+    """Worst errors, and coverage [%] of the 95 % intervals of P, k0, f1, the virgin curve, ΣF_m and D."""
+    for case in CASES:
+        _judge(bench, case)
+
+
+def _judge(bench: Bench, case: Case) -> None:
+    estimator, count = (
+        create(REGISTRY, Estimator, {"name": "plant_and_friction", **SCALE, **PATH}),
+        bench.options.records,
     )
     errors, shares, verdicts, taken = [], [], [], 0.0
-    for seed in range(count):
-        signals = record(case, seed)
-        began = time.perf_counter()
+    for seed in range(bench.seed, bench.seed + count):
+        signals, began = record(case, seed), time.perf_counter()
         result = estimator.estimate(signals)
         taken += time.perf_counter() - began
-        metrics = {metric.name: metric.value for metric in result.metrics}
+        metrics = metrics_of(result)
         if "k0" not in metrics:
-            print(f"{case.name}: no plant: {result.message}")
-            yield True
+            bench.row(case.name, f"no plant: {result.message}", is_met=False)
             return
         errors.append({name: abs(metrics[name] - truth) for name, truth in TRUTH.items()})
         shares.append(held(result))
         verdicts.append(metrics["verdict"])
     worst = {name: max(error[name] for error in errors) for name in TRUTH}
     share = {name: float(np.mean([each[name] for each in shares])) for name in shares[0]}
-    missed = any(worst[name] > bound for name, bound in BOUNDS.items()) or min(verdicts) < 1
-    missed |= worst["Coulomb force"] > case.coulomb * 17.9
-    slack = NARROW + 3 * np.sqrt(CONFIDENCE_LEVEL * (1 - CONFIDENCE_LEVEL) / count)
-    missed |= any(value < CONFIDENCE_LEVEL - slack for value in share.values())
-    print(
-        f"{case.name:<37}{worst['k0'] / 0.132:>8.3%}{worst['f1']:>8.4f}{worst['Coulomb force'] / 17.9:>8.2%}"
-        f"{worst['viscous coefficient']:>7.2f}   "
-        + "".join(f"{100 * value:>6.0f}" for value in share.values())
-        + f"{taken / count:>7.1f}  {'MISSED' if missed else 'ok'}",
-        flush=True,
-    )
-    yield missed
+    slack = NARROW + chance(CONFIDENCE_LEVEL, count)
+    is_met = all(worst[name] <= bound for name, bound in BOUNDS.items()) and min(verdicts) == 1
+    is_met &= worst["Coulomb force"] <= case.coulomb * 17.9 and min(share.values()) >= CONFIDENCE_LEVEL - slack
+    text = f"k0 {worst['k0'] / 0.132:.3%}  f1 {worst['f1']:.4f} Hz  ΣF_m {worst['Coulomb force'] / 17.9:.2%}"
+    text += f"  D {worst['viscous coefficient']:.2f} N s/m  "
+    text += "".join(f"{100 * value:5.0f}" for value in share.values()) + f"  {taken / count:.1f} s each"
+    bench.row(case.name, text, is_met, **worst)
 
 
-def conventional() -> None:
-    """Print the conventional method's errors at 12 N."""
-    gain, frequency = fitted(SECTIONS, 12.0, 100)["conventional"]
-    print(f"{'conventional, sines at 12 N':<37}{gain / 0.132 - 1:>8.1%}{frequency - 38.8:>8.2f}   (paper: {PRINTED})")
-
-
-def main() -> int:
-    """Print all rows; return 1 if a bound is missed."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--reduced", action="store_true", help="4 records of each kind")
-    count = 4 if options.parse_args().reduced else 40
-    print(f"{count} records each; worst error of k0, f1 [Hz], ΣF_m, D [N s/m]; coverage [%] of the 95 % intervals")
-    shares = "".join(f"{name:>6}" for name in ("P", "k0", "f1", "g(x)", "ΣF_m", "D"))
-    print(f"{'':<37}{'k0':>8}{'f1':>8}{'ΣF_m':>8}{'D':>7}   {shares}{'s':>7}")
-    conventional()
-    missed = int(sum(miss for case in CASES for miss in measured(case, count)))
-    print(f"{missed} missed")
-    return min(missed, 1)
+def conventional(bench: Bench) -> None:
+    """The conventional method's errors at 12 N."""
+    gain, frequency = fitted(PAPER, 12.0, 100)["conventional"]
+    text = f"k0 {gain / 0.132 - 1:.1%}  f1 {frequency - 38.8:.2f} Hz  (paper: {PRINTED['conventional']})"
+    bench.row("conventional, sines at 12 N", text)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(__doc__, conventional, plant_and_friction, records=(40, 4))

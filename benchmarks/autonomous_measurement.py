@@ -1,18 +1,15 @@
 """Measure machines drawn at random behind their sockets, of which the program knows sample time and limits alone.
 
-    python benchmarks/autonomous_measurement.py                  20 machines
-    python benchmarks/autonomous_measurement.py --machines 5     the first 5
-    python benchmarks/autonomous_measurement.py --only 3,7       some of them
-    python benchmarks/autonomous_measurement.py --seed 77        others
+    python benchmarks/autonomous_measurement.py                        20 machines
+    python benchmarks/autonomous_measurement.py --machines 5           5
+    python benchmarks/autonomous_measurement.py --seed 7 --only 3 7    some of those of a seed
 
 Mass, one or two modes of either sign, law, number of elements, dead time, encoder noise and controller are drawn. A
-machine counts as right if k0 is within 1 %, the first mode within 0.2 Hz and the Coulomb force within 3 %, and as
-honest if the verdict is not ok where one of them is not. The exit code is 1 if a verdict is ok that should not be.
+machine counts as right if k0 is within 1 %, the first mode within 0.2 Hz and the Coulomb force within 3 %. A row misses
+if the verdict is ok where one of them is not.
 """
 
-import argparse
 import json
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -20,9 +17,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from drawn_machines import drawn_machine
+from harness import Bench, run
+from paper_machine import REGISTRY, metrics_of
 
 from fraexp.components.kinds import FrictionModel
-from fraexp.components.registry import create, discover
+from fraexp.components.registry import create
 from fraexp.data.results import Result
 from fraexp.errors import FraexpError
 from fraexp.workspace.autonomous_service import AutonomousService
@@ -36,7 +35,6 @@ NOISE = (1e-8, 3e-7)
 FORCE_RATIO, STROKE, VELOCITY = 8.0, 40e-3, 2.0
 """Limit of the force over Coulomb friction, and those of stroke [m] and velocity [m/s]."""
 BOUNDS = {"k0": 0.01, "f1": 0.2, "F": 0.03}
-SEED = 24
 
 
 class Outcome(NamedTuple):
@@ -53,7 +51,7 @@ class Outcome(NamedTuple):
         return all(abs(self.errors[name]) <= bound for name, bound in BOUNDS.items())
 
 
-def drawn_sections(number: int, seed: int = SEED) -> tuple[dict[str, Any], str]:
+def drawn_sections(number: int, seed: int) -> tuple[dict[str, Any], str]:
     """Return the sections of a machine that has a mode and a usual sample time, and its law."""
     draws = np.random.default_rng([seed, number])
     law = LAWS[number % len(LAWS)]
@@ -72,11 +70,11 @@ def drawn_sections(number: int, seed: int = SEED) -> tuple[dict[str, Any], str]:
 
 def coulomb_force(sections: dict[str, Any]) -> float:
     """Return the force of gross sliding [N]."""
-    model: Any = create(discover(), FrictionModel, sections["friction"])
+    model: Any = create(REGISTRY, FrictionModel, sections["friction"])
     return float(getattr(model, "coulomb_force", None) or np.sum(model.limit_force))
 
 
-def measured(number: int, folder: str, seed: int = SEED) -> Outcome:
+def measured(number: int, folder: str, seed: int) -> Outcome:
     """Return what an autonomous measurement of a machine finds."""
     sections, _ = drawn_sections(number, seed)
     force, plant = coulomb_force(sections), sections["plant"]
@@ -110,7 +108,7 @@ machine = {as_toml({"name": "simulated", **sections})}
 
 def errors_of(result: Result, plant: dict[str, Any], force: float) -> dict[str, float]:
     """Return the errors of k0 (relative), the first mode [Hz] and the Coulomb force (relative)."""
-    metrics = {metric.name: metric.value for metric in result.metrics}
+    metrics = metrics_of(result)
     gain, found = metrics.get("k0", np.nan), [fit.component for fit in result.fits if fit.kind == "plant"]
     modes = np.array(found[0]["frequencies"] if found else [])
     first = float(min(modes - plant["frequencies"][0], key=abs)) if modes.size else np.nan
@@ -126,35 +124,26 @@ def as_toml(value: Any) -> str:
     return json.dumps(value) if isinstance(value, str | bool) else repr(value)
 
 
-def main() -> int:
-    """Print a row for each machine, and the counts."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--machines", type=int, default=20)
-    options.add_argument("--only", default="", help="numbers of machines, such as 3,7")
-    options.add_argument("--seed", type=int, default=SEED)
-    arguments = options.parse_args()
-    numbers = [int(text) for text in arguments.only.split(",")] if arguments.only else range(arguments.machines)
-    right = honest = false = 0
+def machines(bench: Bench) -> None:
+    """Errors of k0, first mode and Coulomb force, the verdict, and the time."""
+    right = honest = 0
+    numbers = [int(text) for text in bench.options.only] or range(bench.options.machines)
     for number in numbers:
         began = time.monotonic()
         with tempfile.TemporaryDirectory() as folder:
-            found = measured(number, folder, arguments.seed)
-        sections, law = drawn_sections(number, arguments.seed)
+            found = measured(number, folder, bench.seed)
+        sections, law = drawn_sections(number, bench.seed)
         right += found.is_ok and found.is_right
         honest += not found.is_ok
-        false += found.is_ok and not found.is_right
         frequencies = "/".join(f"{f:.1f}" for f in sections["plant"]["frequencies"])
-        print(
-            f"{number:>3} {law:<13} {1 / sections['plant']['rigid_body_gain']:>5.1f} kg {frequencies:>12} Hz"
-            f"  k0 {found.errors['k0']:>8.2%}  f1 {found.errors['f1']:>7.3f} Hz  F {found.errors['F']:>7.2%}"
-            f"  {'ok' if found.is_ok else 'not ok'}{'' if found.is_right else ', off'}"
-            f"  {found.machine_time:.0f} s of machine, {time.monotonic() - began:.0f} s"
-            f"{'' if found.is_ok else '  ' + found.message[:200]}",
-            flush=True,
-        )
-    print(f"{len(numbers)} machines: {right} right and ok, {honest} not ok, {false} ok but off")
-    return int(false > 0)
+        text = f"k0 {found.errors['k0']:8.2%}  f1 {found.errors['f1']:7.3f} Hz  F {found.errors['F']:7.2%}  "
+        text += f"{'ok' if found.is_ok else 'not ok'}{'' if found.is_right else ', off'}  "
+        text += f"{found.machine_time:.0f} s of machine, {time.monotonic() - began:.0f} s"
+        text += "" if found.is_ok else f"  {found.message[:200]}"
+        what = f"{number} {law}, {1 / sections['plant']['rigid_body_gain']:.1f} kg, {frequencies} Hz"
+        bench.row(what, text, found.is_right or not found.is_ok, **found.errors)
+    print(f"{len(numbers)} machines: {right} right and ok, {honest} not ok")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(__doc__, machines, only=[], machines=(20, 5))

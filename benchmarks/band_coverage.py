@@ -5,28 +5,22 @@
     python benchmarks/band_coverage.py --only joint    those whose name contains a word
 
 A circle around the response, the limits of its magnitude and those of its phase must each cover the true value at
-95 ± 2 % of all frequencies and experiments; the exit code is 1 if one does not. The loop is discrete: what the
-estimators are compared with is exact. The noise is coloured, continues from period to period and is fed back. Rows with
-a cubic input nonlinearity are compared with its best linear approximation. The last rows have no noise: median errors.
+95 ± 2 % of all frequencies and experiments. The loop is discrete: what the estimators are compared with is exact. The
+noise is coloured, continues from period to period and is fed back. Rows with a cubic input nonlinearity are compared
+with its best linear approximation. The last rows have no noise: median errors.
 """
 
-import argparse
-import os
-import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import partial
-from typing import Any, NamedTuple
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+from typing import Any
 
 import numpy as np
+from harness import Bench, run
 from scipy.signal import cont2discrete, lfilter
 
 from fraexp.analysis.confidence import circle_factor, confidence_limits, degrees_of_freedom
 from fraexp.components.kinds import Estimator
-from fraexp.components.registry import Registry, create, discover
+from fraexp.components.registry import create, discover
 from fraexp.data.results import FrequencyResponse
 from fraexp.data.signals import Segment, Signals
 
@@ -40,6 +34,7 @@ COLOUR = np.array([1.0, -0.6])
 """Poles of the noise."""
 CUBIC = 0.05
 """Coefficient of the cubic input nonlinearity [1/N²]."""
+REGISTRY = discover()
 LEVEL, TOLERANCE = 0.95, 0.02
 WARM_UP = 1024
 """Samples after which noise in the loop is stationary."""
@@ -49,27 +44,27 @@ GRID = np.arange(LOWEST, HIGHEST + 1, 2)
 Recorded = Iterator[Signals]
 
 
-def plant() -> tuple[np.ndarray, np.ndarray]:
-    """Return numerator and denominator, in powers of z⁻¹, of a held resonance of 100 Hz with a damping ratio of 0.3."""
-    omega = 2 * np.pi * 100.0
-    continuous = ([omega**2], [1, 0.6 * omega, omega**2])
-    numerator, denominator, _ = cont2discrete(continuous, SAMPLE_TIME_S, method="zoh")
-    return numerator.ravel(), denominator
+Polynomials = tuple[np.ndarray, np.ndarray]
+"""Numerator and denominator in powers of z⁻¹."""
 
 
-NUMERATOR, DENOMINATOR = plant()
+def held(numerator: list[float] | np.ndarray, denominator: list[float] | np.ndarray) -> Polynomials:
+    """Return a continuous plant behind a hold."""
+    discrete, poles, _ = cont2discrete((numerator, denominator), SAMPLE_TIME_S, method="zoh")
+    return discrete.ravel(), poles
+
+
+PLANT = held([(2 * np.pi * 100.0) ** 2], [1, 0.6 * 2 * np.pi * 100.0, (2 * np.pi * 100.0) ** 2])
+"""A resonance of 100 Hz with a damping ratio of 0.3."""
+NUMERATOR, DENOMINATOR = PLANT
 CLOSED = np.polyadd(np.append(DENOMINATOR, 0.0), np.convolve(CONTROLLER, NUMERATOR))
 """Characteristic polynomial of the loop."""
 
 
-def of_unit_circle(polynomial: np.ndarray, cycles: np.ndarray) -> np.ndarray:
-    """Return a polynomial in z⁻¹ at frequencies in cycles per sample."""
-    return np.polynomial.polynomial.polyval(np.exp(-2j * np.pi * cycles), polynomial)
-
-
-def gain(cycles: np.ndarray) -> np.ndarray:
-    """Return the plant's response at frequencies in cycles per sample."""
-    return of_unit_circle(NUMERATOR, cycles) / of_unit_circle(DENOMINATOR, cycles)
+def gain(plant: Polynomials, cycles: np.ndarray) -> np.ndarray:
+    """Return a plant's response at frequencies in cycles per sample."""
+    numerator, denominator = (np.polynomial.polynomial.polyval(np.exp(-2j * np.pi * cycles), each) for each in plant)
+    return numerator / denominator
 
 
 def multisine(generator: np.random.Generator, shape: tuple[int, ...], lines: np.ndarray) -> np.ndarray:
@@ -140,17 +135,7 @@ class Periodic:
         """Return the plant, or its best linear approximation: 1 + α(3σ² - ¾A²) for random phases and equal lines."""
         excited = self.lines(np.random.default_rng()).size
         best = 1 + self.cubic * (3 - 0.75 * 2 / excited)
-        return gain(frequency * SAMPLE_TIME_S) * best
-
-
-Polynomials = tuple[np.ndarray, np.ndarray]
-"""Numerator and denominator in powers of z⁻¹."""
-
-
-def held(numerator: np.ndarray, denominator: np.ndarray) -> Polynomials:
-    """Return a continuous plant behind a hold."""
-    discrete, poles, _ = cont2discrete((numerator, denominator), SAMPLE_TIME_S, method="zoh")
-    return discrete.ravel(), poles
+        return gain(PLANT, frequency * SAMPLE_TIME_S) * best
 
 
 def antiresonance(zero: float, zero_damping: float, pole: float, pole_damping: float) -> Polynomials:
@@ -187,16 +172,11 @@ class Sandwich:
 
     def periodic(self, plant: Polynomials, u: np.ndarray) -> np.ndarray:
         """Return the periodic response to a period."""
-        return np.fft.irfft(np.fft.rfft(u) * self.response(plant, np.arange(PERIOD // 2 + 1) / PERIOD), PERIOD)
-
-    @staticmethod
-    def response(plant: Polynomials, cycles: np.ndarray) -> np.ndarray:
-        """Return a plant's response at frequencies in cycles per sample."""
-        return of_unit_circle(plant[0], cycles) / of_unit_circle(plant[1], cycles)
+        return np.fft.irfft(np.fft.rfft(u) * gain(plant, np.arange(PERIOD // 2 + 1) / PERIOD), PERIOD)
 
     def truth(self, frequency: np.ndarray) -> np.ndarray:
         """Return the best linear approximation: G_1 G_2 (1 + α(3σ² - ¾A²)) with the line's amplitude A before u³."""
-        first, second = (self.response(plant, frequency * SAMPLE_TIME_S) for plant in (self.before, self.after))
+        first, second = (gain(plant, frequency * SAMPLE_TIME_S) for plant in (self.before, self.after))
         squares = np.abs(first) ** 2 / frequency.size
         return first * second * (1 + self.cubic * (3 * squares.sum() - 1.5 * squares))
 
@@ -230,7 +210,7 @@ class Random:
 
     def truth(self, frequency: np.ndarray) -> np.ndarray:
         """Return the plant."""
-        return gain(frequency * SAMPLE_TIME_S)
+        return gain(PLANT, frequency * SAMPLE_TIME_S)
 
 
 @dataclass(frozen=True)
@@ -262,7 +242,7 @@ CASES = (
     Case("fast_best_linear_approximation, cubic, dip", Sandwich(after=DIP, cubic=CUBIC), FAST),
     Case(
         "fast_best_linear_approximation, sandwich",
-        Sandwich(antiresonance(70, 0.05, 120, 0.1), (NUMERATOR, DENOMINATOR), cubic=0.004, noise=0.002),
+        Sandwich(antiresonance(70, 0.05, 120, 0.1), PLANT, cubic=0.004, noise=0.002),
         FAST,
     ),
     Case("joint_input_output, 6 periods", Periodic(), JOINT),
@@ -309,30 +289,9 @@ def hits(response: FrequencyResponse, truth: np.ndarray) -> np.ndarray:
     ])  # fmt: skip
 
 
-class Coverage(NamedTuple):
-    """The coverage of a case."""
-
-    bands: np.ndarray
-    """Of the three bands over all frequencies, shape (3,)."""
-    worst: float
-    """Of the circle at the frequency at which it is lowest."""
-    worst_frequency: float
-    """That frequency [Hz]."""
-    error: float
-    """Median relative error."""
-
-
-def worst_line(frequencies: list[np.ndarray], circles: list[np.ndarray]) -> tuple[float, float]:
-    """Return the lowest coverage of the circle at a frequency, and that frequency [Hz]."""
-    at, place = np.unique(np.round(np.concatenate(frequencies), 6), return_inverse=True)
-    found = np.bincount(place, np.concatenate(circles)) / np.bincount(place)
-    return float(found.min()), float(at[np.argmin(found)])
-
-
-def coverage(case: Case, registry: Registry, experiments: int) -> Coverage:
-    """Return the coverage of the three bands, of the worst line, and the median relative error."""
-    estimator = create(registry, Estimator, case.spec)
-    generator = np.random.default_rng(5)
+def estimated(case: Case, bench: Bench, experiments: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return frequencies, whether each of the three bands covers, and relative errors: (n,), (3, n), (n,)."""
+    estimator, generator = create(REGISTRY, Estimator, case.spec), bench.generator()
     inside, errors, frequencies = [], [], []
     for begin in range(0, experiments, 50):
         for signals in case.source(generator, min(50, experiments - begin)):
@@ -343,47 +302,30 @@ def coverage(case: Case, registry: Registry, experiments: int) -> Coverage:
             inside.append(hits(response, truth))
             errors.append(np.abs(response.response / truth - 1))
             frequencies.append(response.frequency)
-    worst = worst_line(frequencies, [one[0] for one in inside])
-    return Coverage(np.mean(np.stack(inside), axis=(0, 2)), *worst, float(np.median(errors)))
+    return np.concatenate(frequencies), np.hstack(inside), np.concatenate(errors)
 
 
-def main() -> int:
-    """Print the coverage of every estimator's bands; return 1 if one is not 95 ± 2 %."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--reduced", action="store_true", help="150 experiments each")
-    options.add_argument("--experiments", type=int, default=1000, help="experiments each")
-    options.add_argument("--only", default="", help="a word in the names of those that are wanted")
-    chosen = options.parse_args()
-    experiments = 150 if chosen.reduced else chosen.experiments
-    registry = discover()
-    known = tuple(registry.names(Estimator.kind))
-    measure: Callable[[Case], Coverage] = partial(coverage, registry=registry, experiments=experiments)
-    print(
-        f"{experiments} experiments each; coverage [%] of    circle  magnitude     phase   worst line, circle   "
-        "median error    time"
-    )
-    short = 0
+def noisy(bench: Bench) -> None:
+    """Coverage [%] of circle, magnitude and phase; of the circle at its worst line; median error."""
     for case in CASES:
-        if case.spec["name"] not in known or chosen.only not in case.what:
+        if bench.options.only not in case.what:
             continue
-        began = time.perf_counter()
-        found = measure(case)
-        bad = bool(np.any(np.abs(found.bands - LEVEL) > TOLERANCE))
-        short += bad
-        numbers = "  ".join(f"{100 * value:8.2f}" for value in found.bands)
-        numbers += f"   {100 * found.worst:5.1f} at {found.worst_frequency:5.1f} Hz"
-        taken = time.perf_counter() - began
-        print(f"{case.what:<42s} {numbers}   {found.error:11.2%}  {taken:6.1f} s{'  short' if bad else ''}", flush=True)
-    print("without noise: median error, and its bound")
+        frequency, inside, errors = estimated(case, bench, bench.options.experiments)
+        shares = inside.mean(axis=1)
+        at, place = np.unique(np.round(frequency, 6), return_inverse=True)
+        lines = np.bincount(place, inside[0]) / np.bincount(place)
+        text = " ".join(f"{100 * share:6.2f}" for share in shares)
+        text += f"   {100 * lines.min():5.1f} at {at[np.argmin(lines)]:5.1f} Hz   {np.median(errors):.2%}"
+        is_met = bool(np.all(np.abs(shares - LEVEL) <= TOLERANCE))
+        bench.row(case.what, text, is_met, **dict(zip(("circle", "magnitude", "phase"), shares.tolist(), strict=True)))
+
+
+def exact(bench: Bench) -> None:
+    """Median error without noise."""
     for case, bound in EXACT:
-        if case.spec["name"] not in known or chosen.only not in case.what:
-            continue
-        error = coverage(case, registry, 3).error
-        short += error > bound
-        print(f"{case.what:<42s} {error:8.1e}  {bound:8.0e}{'  short' if error > bound else ''}", flush=True)
-    print(f"{short} missed")
-    return min(short, 1)
+        if bench.options.only in case.what:
+            bench.bounded(case.what, float(np.median(estimated(case, bench, 3)[2])), bound)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(__doc__, noisy, exact, experiments=(1000, 150), only="")

@@ -1,7 +1,7 @@
 """Measure how the cost of a loop grows with the number of contacts at which friction acts.
 
-    python benchmarks/contacts.py            medians of 15 turns
-    python benchmarks/contacts.py --turns 5
+    python benchmarks/contacts.py             medians of 15 turns
+    python benchmarks/contacts.py --reduced   of 5
 
 One to four contacts share the friction of the paper's table: ten elasto-slide elements at each, or dry friction.
 Nanoseconds per step of one experiment of a sweep, all Python included. Elements run in lanes, where the forces are
@@ -9,9 +9,6 @@ predicted, and one by one, where they are solved together implicitly. Dry fricti
 by one; at one contact it runs in lanes as well. Experiments with different numbers of contacts take turns.
 """
 
-import argparse
-import statistics
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -19,10 +16,13 @@ import numpy as np
 from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.plants.modal import Modal
-from kernel import PLANT, SECTIONS, in_turns, machine, sweep
+from harness import Bench, in_turns, run
+from kernel import machine, sweep
+from paper_machine import PAPER, PLANT, REGISTRY
 
-from fraexp.components.kinds import FrictionModel
+from fraexp.components.kinds import Excitation, FrictionModel
 from fraexp.components.ports import Ports
+from fraexp.components.registry import create
 from fraexp.simulation.experiment_run import run_experiments
 from fraexp.simulation.experiments import Experiment, Setup
 from fraexp.simulation.loop_setup import prepare_setup
@@ -67,8 +67,8 @@ def setup_of(count: int, is_vectorised: bool, is_dry: bool) -> Setup:
 
 def sweep_of(setup: Setup) -> tuple[Callable[[], object], float]:
     """Return what runs a sweep, and the number of its steps."""
-    excitation = sweep(POINTS)
-    periods = excitation.periods(SECTIONS["loop"]["sample_time"])
+    excitation = create(REGISTRY, Excitation, sweep(POINTS))
+    periods = excitation.periods(PAPER["loop"]["sample_time"])
     experiments = [Experiment(setup, period, excitation.schedule, n) for n, period in enumerate(periods)]
     segments = run_experiments(experiments, lambda _: None)
     if not all(segments):
@@ -81,25 +81,22 @@ def sweep_of(setup: Setup) -> tuple[Callable[[], object], float]:
     return lambda: run_experiments(experiments, lambda _: None), samples * setup.steps
 
 
-def main() -> int:
-    """Print a row for each number of contacts."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--turns", type=int, default=15)
-    turns, counts = options.parse_args().turns, range(1, MAX_CONTACTS + 1)
-    print(f"{ELEMENTS} elements at each contact, or dry friction, {STEPS} steps per sample; ns per step, and over one")
-    rows: dict[int, list[str]] = {count: [] for count in counts}
-    for is_vectorised, is_dry in ((True, False), (False, False), (False, True)):
+def contacts(bench: Bench) -> None:
+    """Cost [ns] per step with ten elements or dry friction at each contact, and over that of one contact."""
+    counts, turns = range(1, MAX_CONTACTS + 1), bench.options.turns
+    for kind, is_vectorised, is_dry in (
+        ("lanes", True, False),
+        ("one by one", False, False),
+        ("dry, one by one", False, True),
+    ):
         made = [sweep_of(setup_of(count, is_vectorised, is_dry)) for count in counts]
-        times = in_turns(*(run for run, _ in made), turns=turns)
-        costs = [1e9 * statistics.median(times[at]) / steps for at, (_, steps) in enumerate(made)]
+        times = np.median(in_turns(*(action for action, _ in made), turns=turns), axis=1)
+        costs = 1e9 * times / [steps for _, steps in made]
         for count, cost in zip(counts, costs, strict=True):
-            rows[count].append(f"{cost:7.1f} ns {cost / costs[0]:5.2f} times")
-    for count, (lanes, alone, dry) in rows.items():
-        print(f"{count} contact{'s' if count > 1 else ' '}  lanes {lanes}   one by one {alone}   dry, one by one {dry}")
-    run, steps = sweep_of(setup_of(1, is_vectorised=True, is_dry=True))
-    print(f"dry, 1 contact in lanes {1e9 * statistics.median(in_turns(run, turns=turns)[0]) / steps:.1f} ns")
-    return 0
+            bench.row(f"{kind}, {count} contacts", f"{cost:7.1f} ns {cost / costs[0]:5.2f} times", ns=float(cost))
+    action, steps = sweep_of(setup_of(1, is_vectorised=True, is_dry=True))
+    bench.row("dry, 1 contact in lanes", f"{1e9 * np.median(in_turns(action, turns=turns)) / steps:7.1f} ns")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(__doc__, contacts, turns=(15, 5))

@@ -6,14 +6,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from paper_machine import REGISTRY
 from reference_laws import BRISTLE, COULOMB, ELEMENTS, FORCE_SLIDERS, GMS, NONE
 from reference_loop import FINE_CLOCK, ReferenceMachine, is_stable
 
 from fraexp.components.kinds import Controller, FrictionModel, Plant
-from fraexp.components.registry import create, discover
+from fraexp.components.registry import create
 
-REGISTRY = discover()
-SEED = 2026
 POINTS = 6
 TOLERANCE = 1e-4
 """`numerics.tolerance`, as it is by default."""
@@ -69,9 +68,7 @@ class DrawnMachine:
         }  # fmt: skip
 
 
-def drawn_machine(
-    number: int, seed: int = SEED, law: str = "", sample_times: Sequence[float] = SAMPLE_TIMES
-) -> DrawnMachine:
+def drawn_machine(number: int, seed: int, law: str = "", sample_times: Sequence[float] = SAMPLE_TIMES) -> DrawnMachine:
     """Return a machine that a PID controller stabilises, stuck and sliding: the first one of those drawn.
 
     Its law is the one that is given, or the next one in turn.

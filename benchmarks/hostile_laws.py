@@ -1,17 +1,16 @@
 """Give `fraexp check` and `fraexp run` friction laws that do harm, and look at how each ends.
 
-    python benchmarks/hostile_laws.py              all of them, about half an hour
-    python benchmarks/hostile_laws.py NAME...      some of them
-    python benchmarks/hostile_laws.py --only run   without the checks, or only them
+    python benchmarks/hostile_laws.py                              all of them, about half an hour
+    python benchmarks/hostile_laws.py --law nan raises             some of them
+    python benchmarks/hostile_laws.py --reduced                    each fifth
+    python benchmarks/hostile_laws.py --command run                without the checks, or only them
 
 Each law is dropped into a workspace of its own, checked, and run on the paper's machine in a worker process. Each
 command must end by itself, with an exit code that says so, one line that names the law (with its line, its check or its
-file) and nothing stored as ok; it must never be silent for a minute. The exit code is 1 if not.
+file) and nothing stored as ok; it must never be silent for a minute.
 """
 
-import argparse
 import json
-import os
 import queue
 import re
 import subprocess
@@ -22,7 +21,8 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+from harness import Bench, run
+
 MAX_SILENCE_S = 60.0
 """Greatest time without a line of output [s], on a processor that is not shared."""
 GIVE_UP_S = 300.0
@@ -318,43 +318,27 @@ def faults(name: str, kind: str, ending: Ending, folder: Path) -> list[str]:
     return found
 
 
-def attack(name: str, law: Law, kinds: list[str], folder: Path) -> int:
-    """Check and run a law, print a row for each, and return how many ended badly."""
-    (folder / "plugins").mkdir(parents=True)
-    (folder / "studies").mkdir()
-    (folder / "plugins" / f"{name}.py").write_text(law.source(name), encoding="utf-8")
+def attacks(bench: Bench) -> None:
+    """How a check and a run of each law end."""
+    for name in bench.options.law or list(LAWS)[:: 5 if bench.reduced else 1]:
+        with tempfile.TemporaryDirectory() as folder:
+            _attack(bench, name, Path(folder))
+
+
+def _attack(bench: Bench, name: str, folder: Path) -> None:
     study = STUDY.format(name=name)
     if name.endswith("_5000"):
         study = study.replace("points = 3", "points = 3, min_record_time = 30")
-    (folder / "studies" / "hostile.toml").write_text(study, encoding="utf-8")
+    for part, file, text in (("plugins", f"{name}.py", LAWS[name].source(name)), ("studies", "hostile.toml", study)):
+        (folder / part).mkdir()
+        (folder / part / file).write_text(text, encoding="utf-8")
     commands = {"check": ["check", name], "run": ["run", "hostile", "--executor", "processes:1"]}
-    missed = 0
-    for kind in kinds:
+    for kind in bench.options.command:
         ending = execute(folder, *commands[kind])
         wrong = faults(name, kind, ending, folder)
-        missed += bool(wrong)
-        said = " ".join(wrong) or "ok"
         line = named_line(name, ending.output) or (ending.output.strip().splitlines() or ["nothing said"])[-1]
-        print(f"{name:<30s}{kind:<6s}{ending.seconds:6.1f} s  {said:<12s} {line[:220]}", flush=True)
-    return missed
-
-
-def main() -> int:
-    """Print a row for each law and command; return 1 if one ended badly."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("names", nargs="*", choices=[[], *LAWS], help="laws, by default all", metavar="NAME")
-    options.add_argument("--only", choices=["check", "run"], help="only this command")
-    options.add_argument("--reduced", action="store_true", help="each fifth law")
-    arguments = options.parse_args()
-    names = arguments.names or list(LAWS)[:: 5 if arguments.reduced else 1]
-    kinds = [arguments.only] if arguments.only else ["check", "run"]
-    missed = 0
-    with tempfile.TemporaryDirectory() as folder:
-        for name in names:
-            missed += attack(name, LAWS[name], kinds, Path(folder) / name)
-    print(f"{len(names)} laws, {len(names) * len(kinds)} commands, {missed} ended badly")
-    return min(missed, 1)
+        bench.row(f"{name}, {kind}", f"{ending.seconds:6.1f} s {' '.join(wrong):<12s} {line[:220]}", not wrong)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(__doc__, attacks, law=[], command=["check", "run"])

@@ -1,41 +1,34 @@
 """Measure the kernel of the loop: against the same algorithm by hand in C, law by law, and its accuracy over its cost.
 
-    python benchmarks/kernel.py            some minutes
-    python benchmarks/kernel.py --reduced  fewer sizes and laws, half a minute
-    python benchmarks/kernel.py --json F   writes all figures to the file F as well
+    python benchmarks/kernel.py               some minutes
+    python benchmarks/kernel.py --reduced     fewer sizes and laws, half a minute
+    python benchmarks/kernel.py --slack 1.5   bounds half as large again, for a machine that has other work to do
+    python benchmarks/kernel.py --against C   the loops in lanes and one by one, over those of a commit
 
 Each comparison runs in one process on one thread; what is compared takes turns, and a ratio is the median of those of
 each turn. Both sides get the same constants, and their channels must agree to 1e-9. In lanes the sizes of one machine
-are compiled into the C program. The exit code is 1 if a bound, given in brackets, is missed.
+are compiled into the C program.
 """
 
-import argparse
-import json
-import os
-import statistics
-import sys
 import tempfile
-import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import numpy as np
 import twins
-from accuracy import PLANT, REGISTRY, SECTIONS
-from friction import MODELS
+from accuracy import MODELS
+from harness import Bench, in_turns, run
 from loops import Loops
+from paper_machine import FRICTION, PAPER, REGISTRY, machine_of, simulated
 
-from fraexp.components.kinds import Controller, Excitation, FrictionModel
+from fraexp.components.kinds import FrictionModel
 from fraexp.components.registry import create, discover
 from fraexp.errors import FraexpError
 from fraexp.simulation.experiments import Setup
-from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.loop_setup import prepare_setup
-from fraexp.simulation.machine import ControlLoop, Machine, Numerics
+from fraexp.simulation.machine import Machine
 
 LANES, SCALAR, DROPPED = 1.15, 1.2, 1.2
 """Bounds of time: lanes and scalar over C, a local law over the same one built in."""
@@ -88,22 +81,6 @@ class Dahl(FrictionModel, name="dropped_dahl", version=1):
 '''
 
 
-@dataclass
-class Figures:
-    """Prints rows, keeps their numbers, and counts the bounds that are missed."""
-
-    found: dict[str, dict[str, float]] = field(default_factory=dict)
-    missed: int = 0
-    slack: float = 1.0
-    """Factor on the bounds."""
-
-    def row(self, what: str, text: str, numbers: dict[str, float], *bounded: tuple[float, float]) -> None:
-        """Print a row; `bounded` are numbers with their bounds."""
-        missed = [value for value, bound in bounded if not value <= bound * self.slack]
-        self.found[what], self.missed = numbers, self.missed + len(missed)
-        print(f"{what:<44s} {text}{'  MISSED' if missed else ''}", flush=True)
-
-
 def model(spec: dict[str, Any], registry: Any = REGISTRY) -> FrictionModel:
     """Return a friction model."""
     return create(registry, FrictionModel, spec)
@@ -111,32 +88,19 @@ def model(spec: dict[str, Any], registry: Any = REGISTRY) -> FrictionModel:
 
 def rolling(elements: int) -> FrictionModel:
     """Return the paper's friction with this number of elements."""
-    spec = SECTIONS["friction"]
+    spec = PAPER["friction"]
     return model({**spec, "curve": {**spec["curve"], "elements": elements}})
 
 
 def machine(friction: FrictionModel, steps: int, **loop: float) -> Machine:
     """Return the paper's machine with this friction."""
-    controller = create(REGISTRY, Controller, SECTIONS["controller"])
-    settings = ControlLoop.parse({**SECTIONS["loop"], **loop}, "loop")
-    return Machine(PLANT, friction, controller, settings, Numerics(steps_per_sample=steps))
+    made = machine_of(PAPER, {"steps_per_sample": steps}, **loop)
+    return replace(made, friction=friction)
 
 
 def setup_of(friction: FrictionModel, steps: int, is_vectorised: bool) -> Setup:
     """Return the paper's machine with this friction made ready, in lanes or not."""
     return replace(prepare_setup(machine(friction, steps)), is_vectorised=is_vectorised)
-
-
-def in_turns(*actions: Callable[[], object], turns: int = TURNS) -> np.ndarray:
-    """Return times [s], shape (actions, turns): they take turns, so that what disturbs one disturbs the others."""
-    times = np.empty((len(actions), turns))
-    for turn in range(turns):
-        order = range(len(actions)) if turn % 2 else reversed(range(len(actions)))
-        for i in order:
-            began = time.perf_counter()
-            actions[i]()
-            times[i, turn] = time.perf_counter() - began
-    return times
 
 
 def ratio(times: np.ndarray, over: int) -> float:
@@ -157,102 +121,97 @@ def long_enough(setup: Setup) -> Loops:
     return Loops.of(setup, int(np.ceil(1.2 * LEAST / taken)))
 
 
-def over_c(elements: int, steps: int, is_vectorised: bool, folder: Path, figures: Figures) -> None:
-    """Compare fraexp's kernel with its twins."""
+def over_c(bench: Bench) -> None:
+    """Time per step of one lane, over C."""
+    if twins.compiler() is None:
+        print("gcc is not there: no comparison with C", flush=True)
+        return
+    sizes = [(20, 1), (20, 2)] if bench.reduced else [(20, 1), (20, 2), (20, 5), (5, 2), (80, 2)]
+    with tempfile.TemporaryDirectory() as folder:
+        for is_vectorised in (True, False):
+            for elements, steps in sizes:
+                _compare_with_c(bench, elements, steps, is_vectorised, Path(folder))
+
+
+def _compare_with_c(bench: Bench, elements: int, steps: int, is_vectorised: bool, folder: Path) -> None:
     loops, kind = long_enough(setup_of(rolling(elements), steps, is_vectorised)), "lanes" if is_vectorised else "scalar"
-    run = twins.compiled(kind, folder, elements, loops.sizes if is_vectorised else None)
+    twin = twins.compiled(kind, folder, elements, loops.sizes if is_vectorised else None)
     parts_of_times, apart = [], 0.0
     for _ in range(PLACES):
         loops = Loops.of(loops.setup, loops.batches)
         pool = np.zeros_like(loops.pool)
-        actions = [loops.run, twins.prepared(run, loops, pool)]
-        in_turns(*actions, turns=1)
+        parts_of_times.append(in_turns(loops.run, twins.prepared(twin, loops, pool), turns=TURNS // PLACES))
         apart = max(apart, distance(loops.channels(pool), loops.channels()))
-        parts_of_times.append(in_turns(*actions, turns=TURNS // PLACES))
     times = np.hstack(parts_of_times)
-    (cost, twin_cost), times_over = np.median(times, axis=1) / loops.steps * 1e9, ratio(times, 1)
-    bound = (LANES if is_vectorised else SCALAR) if elements == 20 else np.inf
-    told = f" ({bound:g})" if elements == 20 else ""
-    text = f"{cost:6.2f} ns, C {twin_cost:5.2f}: {times_over:.2f} times{told}; channels apart {apart:.1e}"
-    numbers = {"fraexp_ns": cost, "C_ns": twin_cost, "over_C": times_over, "apart": apart}
+    (cost, twin_cost), over = np.median(times, axis=1) / loops.steps * 1e9, ratio(times, 1)
+    bound = (LANES if is_vectorised else SCALAR) * bench.options.slack if elements == 20 else np.inf
+    text = f"{cost:6.2f} ns, C {twin_cost:5.2f}: {over:.2f} times ({bound:g}); channels apart {apart:.1e}"
     what = f"{kind}, {elements} elements, {steps} steps per sample"
-    figures.row(what, text, numbers, (times_over, bound), (apart, AGREEMENT))
+    bench.row(what, text, over <= bound and apart <= AGREEMENT, fraexp_ns=cost, C_ns=twin_cost, over_C=over)
 
 
-def whole_sweeps(figures: Figures) -> None:
-    """Measure a whole simulation, with all that is done in Python, per step of one frequency."""
+def whole_sweeps(bench: Bench) -> None:
+    """A whole simulation, with all that is done in Python, per step of one frequency."""
     for steps in (1, 2, 5):
         made, excitation = machine(rolling(20), steps), sweep(100)
-        signals = simulate_loop(made, excitation, lambda _: None)
+        signals = simulated(made, excitation)
         samples = sum(
-            segment.settling.time / SECTIONS["loop"]["sample_time"] + segment.channels["y"].size
+            segment.settling.time / PAPER["loop"]["sample_time"] + segment.channels["y"].size
             for segment in signals.segments
             if segment.settling
         )
-        taken = statistics.median(
-            in_turns(lambda m=made, e=excitation: simulate_loop(m, e, lambda _: None), turns=15)[0]
-        )
+        taken = float(np.median(in_turns(lambda m=made, e=excitation: simulated(m, e), turns=15)))
         cost = taken / (samples * steps) * 1e9
         text = f"{cost:6.2f} ns per step; {taken * 1e3:.1f} ms for 100 frequencies, 1 to 200 Hz"
-        figures.row(f"simulate_loop, 20 elements, {steps} steps per sample", text, {"ns": cost, "seconds": taken})
+        bench.row(f"simulate_loop, 20 elements, {steps} steps per sample", text, ns=cost, seconds=taken)
 
 
-def sweep(points: int, **changes: float) -> Excitation:
+def sweep(points: int, **changes: float) -> dict[str, Any]:
     """Return a stepped sine."""
-    spec = {"name": "stepped_sine", "amplitude": 12.0, "points": points, **changes}
-    return create(REGISTRY, Excitation, spec)
+    return {"name": "stepped_sine", "amplitude": 12.0, "points": points, **changes}
 
 
-def dropped_in(folder: Path, figures: Figures, reduced: bool) -> None:
-    """Compare local laws with the same ones built in."""
-    (folder / "dropped.py").write_text(DROP_IN, encoding="utf-8")
-    registry, built_in = discover(folder), rolling(20)
-    numbers = {"stiffness": built_in.element_stiffness.tolist(), "limit": built_in.limit_deflection.tolist()}  # type: ignore[attr-defined]
-    dahl = {"stiffness": 3.9e5, "coulomb_force": 17.9}
-    pairs = {
-        "rolling": (model({"name": "dropped_rolling", **numbers}, registry), built_in),
-    }
-    if not reduced:
-        pairs["dahl"] = model({"name": "dropped_dahl", **dahl}, registry), model({"name": "dahl", **dahl})
-    for name, (stranger, own) in pairs.items():
-        first = setup_of(own, 2, is_vectorised=True)
-        theirs = long_enough(first)
-        mine = Loops.of(replace(first, frictions={"table": stranger}), theirs.batches)
-        mine.run()
-        theirs.run()
-        times, apart = in_turns(mine.run, theirs.run), distance(mine.channels(), theirs.channels())
-        found, cost = ratio(times, 1), np.median(times, axis=1) / mine.steps * 1e9
-        text = (
-            f"{cost[0]:6.2f} ns, built in {cost[1]:5.2f}: {found:.2f} times ({DROPPED:g}); channels apart {apart:.1e}"
-        )
-        row = {"ns": cost[0], "ratio": found, "apart": apart}
-        figures.row(f"{name} as a local plugin, lanes", text, row, (found, DROPPED), (apart, AGREEMENT))
+def dropped_in(bench: Bench) -> None:
+    """A law in a file of its own, over the same one built in."""
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "dropped.py").write_text(DROP_IN, encoding="utf-8")
+        registry, built_in = discover(Path(folder)), rolling(20)
+        numbers = {"stiffness": built_in.element_stiffness.tolist(), "limit": built_in.limit_deflection.tolist()}  # type: ignore[attr-defined]
+        dahl = {"stiffness": 3.9e5, "coulomb_force": 17.9}
+        pairs = {"rolling": (model({"name": "dropped_rolling", **numbers}, registry), built_in)}
+        if not bench.reduced:
+            pairs["dahl"] = model({"name": "dropped_dahl", **dahl}, registry), model({"name": "dahl", **dahl})
+        for name, (stranger, own) in pairs.items():
+            first = setup_of(own, 2, is_vectorised=True)
+            theirs = long_enough(first)
+            mine = Loops.of(replace(first, frictions={"table": stranger}), theirs.batches)
+            times = in_turns(mine.run, theirs.run, turns=TURNS)
+            over, apart = ratio(times, 1), distance(mine.channels(), theirs.channels())
+            cost, bound = np.median(times, axis=1) / mine.steps * 1e9, DROPPED * bench.options.slack
+            text = f"{cost[0]:6.2f} ns, built in {cost[1]:5.2f}: {over:.2f} times ({bound:g}); apart {apart:.1e}"
+            bench.row(f"{name} as a local plugin, lanes", text, over <= bound and apart <= AGREEMENT, ratio=over)
 
 
-def laws(names: list[str], figures: Figures) -> None:
-    """Measure what each law costs, in lanes where it can be computed so, and alone."""
-    for name in names:
+def laws(bench: Bench) -> None:
+    """Per step of one lane, with the steps that fraexp chooses; * marks whether it computes the law in lanes."""
+    for name in ["rolling"] if bench.reduced else MODELS:
         friction = model({"name": name, **MODELS[name]})
         chosen = prepare_setup(machine(friction, 0))
-        steps, numbers, said = chosen.discrete.compliance.shape[0], {}, []
+        steps, said = chosen.discrete.compliance.shape[0], []
         for is_vectorised in (True, False) if friction.is_vectorisable else (False,):
             loops = long_enough(replace(chosen, is_vectorised=is_vectorised))
-            cost = statistics.median(in_turns(loops.run, turns=7)[0]) / loops.steps * 1e9
+            cost = float(np.median(in_turns(loops.run, turns=7))) / loops.steps * 1e9
             kind = "lanes" if is_vectorised else "scalar"
-            left = "" if loops.stayed else ", diverged"
-            numbers[kind] = cost
-            said.append(f"{kind}{'*' if is_vectorised == chosen.is_vectorised else ' '} {cost:7.2f} ns{left}")
-        if not friction.is_vectorisable:
-            said.insert(0, "lanes        none")
-        figures.row(f"{name}, {steps} steps per sample", ", ".join(said), numbers)
-    print("* what fraexp chooses on the paper's machine; per step of one lane, with the steps that it chooses")
+            mark = "*" if is_vectorised == chosen.is_vectorised else " "
+            said.append(f"{kind}{mark} {cost:7.2f} ns{'' if loops.stayed else ', diverged'}")
+        bench.row(f"{name}, {steps} steps per sample", ", ".join(said))
 
 
-def accuracy(names: list[str], figures: Figures, reduced: bool) -> None:
-    """Measure how far U/Y is from that at `REFERENCE` steps per sample, and what it takes to compute."""
-    excitation = sweep(4 if reduced else 12, lowest=5.0, highest=150.0, tolerance=1e-7)
-    for name in names:
-        friction, cells, numbers = model({"name": name, **MODELS[name]}), [], {}
+def step_errors(bench: Bench) -> None:
+    """Error of Y/U over steps per sample: greatest, median, and the time that it takes."""
+    excitation = sweep(4 if bench.reduced else 12, lowest=5.0, highest=150.0, tolerance=1e-7)
+    for name in ["rolling"] if bench.reduced else MODELS:
+        friction, cells = model({"name": name, **MODELS[name]}), []
         reference, _ = response(friction, REFERENCE, excitation)
         for steps in (1, 2, 4, 8):
             try:
@@ -260,63 +219,29 @@ def accuracy(names: list[str], figures: Figures, reduced: bool) -> None:
             except FraexpError:
                 cells.append(f"{steps}: too long a step".ljust(34))
                 continue
-            error = np.abs(found / reference[: found.size] - 1) if found.size == reference.size else np.array([np.inf])
+            error = np.abs(found / reference - 1) if found.size == reference.size else np.array([np.inf])
             cells.append(f"{steps}: {np.max(error):.1e} {np.median(error):.1e} {taken * 1e3:6.1f} ms".ljust(34))
-            numbers |= {f"greatest_{steps}": float(np.max(error)), f"seconds_{steps}": taken}
-        figures.row(f"{name}, error", " ".join(cells), numbers)
+        bench.row(f"{name}, error", " ".join(cells))
 
 
-def response(friction: FrictionModel, steps: int, excitation: Excitation) -> tuple[np.ndarray, float]:
+def response(friction: FrictionModel, steps: int, excitation: Mapping[str, Any]) -> tuple[np.ndarray, float]:
     """Return Y/U [m/N] of each frequency, and the time that its simulation took once compiled [s]."""
     made = machine(friction, steps, resolution=0.0)
-    taken, signals = np.inf, None
-    for _ in range(3 if steps < REFERENCE else 1):
-        began = time.perf_counter()
-        signals = simulate_loop(made, excitation, lambda _: None)
-        taken = min(taken, time.perf_counter() - began)
-    assert signals is not None
+    taken = in_turns(lambda: simulated(made, excitation), turns=2 if steps < REFERENCE else 1).min()
     spectra = [
-        tuple(np.fft.rfft(segment.channels[key][-1])[segment.lines[0]] for key in ("y", "u"))
-        for segment in signals.segments
+        [np.fft.rfft(segment.channels[key][-1])[segment.lines[0]] for key in ("y", "u")]
+        for segment in simulated(made, excitation).segments
     ]
-    return np.array([y / u for y, u in spectra]), taken
+    return np.array([y / u for y, u in spectra]), float(taken)
 
 
-def parts(reduced: bool, folder: Path, figures: Figures) -> Iterator[tuple[str, Callable[[], None]]]:
-    """Yield the tables with their titles."""
-    names = ["rolling"] if reduced else list(MODELS)
-    if twins.compiler() is None:
-        print("gcc is not there: no comparison with C", flush=True)
-    else:
-        sizes = [(20, 1), (20, 2)] if reduced else [(20, 1), (20, 2), (20, 5), (5, 2), (80, 2)]
-        pairs = [(*size, is_vectorised) for is_vectorised in (True, False) for size in sizes]
-        yield "time per step of one lane, over C", lambda: [over_c(*each, folder, figures) for each in pairs] and None
-    yield "with what is done around it", lambda: whole_sweeps(figures)
-    yield "a law in a file of its own", lambda: dropped_in(folder, figures, reduced)
-    yield "law by law", lambda: laws(names, figures)
-    yield (
-        f"error of Y/U over steps per sample, against {REFERENCE}: greatest, median, time",
-        lambda: accuracy(names, figures, reduced),
+WORKS = {
+    f"{'lanes' if is_vectorised else 'one by one'}, {steps} steps per sample": lambda s=steps, v=is_vectorised: (
+        Loops.of(setup_of(FRICTION, s, v), 40 if v else 80).run
     )
-
-
-def main() -> int:
-    """Print all tables; return 1 if a bound is missed."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--reduced", action="store_true", help="fewer sizes and laws")
-    options.add_argument("--slack", type=float, default=1.0, help="factor on the bounds, for machines with other work")
-    options.add_argument("--json", type=Path, metavar="FILE", help="write all figures to this file")
-    given = options.parse_args()
-    figures = Figures(slack=given.slack)
-    with tempfile.TemporaryDirectory() as name:
-        for title, table in parts(given.reduced, Path(name), figures):
-            print(f"\n{title}", flush=True)
-            table()
-    if given.json:
-        given.json.write_text(json.dumps(figures.found, indent=1) + "\n", encoding="utf-8")
-    print(f"\n{figures.missed} missed")
-    return min(figures.missed, 1)
-
+    for is_vectorised in (True, False)
+    for steps in (1, 2)
+}
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(__doc__, over_c, whole_sweeps, dropped_in, laws, step_errors, works=WORKS, slack=1.0)

@@ -1,12 +1,11 @@
 """Measurements on a simulated machine behind its socket: kill -9, and the time that bands take.
 
-python benchmarks/measurements.py kill [COUNT]      the measuring process is killed at random moments
-python benchmarks/measurements.py band              0.1 dB from 2 to 200 Hz: adaptive and fixed plan
+python benchmarks/measurements.py kill --count 100   the measuring process is killed at random moments
+python benchmarks/measurements.py band               0.1 dB from 2 to 200 Hz: adaptive and fixed plan
 """
 
 import json
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -16,9 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from harness import ROOT, Bench, run
 
+sys.path.insert(0, str(ROOT))
 from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
 from fraexp.workspace.workspace_service import WorkspaceService
+from tests.waiting import wait_until
 
 STUDY = """
 title = "An axis"
@@ -41,7 +43,8 @@ machine = {{ name = "simulated", speed = {speed}, log = "machine.log" }}
 [estimator]
 name = "conventional"
 """
-WAIT_TIMEOUT_S = 120.0
+AT_REST_S, BAND_DB = 0.1, 0.1
+"""Bounds: time after that of the watchdog until the machine rests, and width of the bands."""
 
 
 def workspace(folder: str, **settings: Any) -> WorkspaceService:
@@ -59,31 +62,28 @@ def log_of(folder: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in lines if line.endswith("}")]
 
 
-def kill(count: int) -> None:
-    """Kill the measuring process at random moments; print how late the machine stopped, and what was lost."""
-    draws, late, lost, failed = random.Random(1), [], 0, 0
-    for number in range(count):
+def kill(bench: Bench) -> None:
+    """How late the machine stops after the measuring process is killed, and what is lost."""
+    draws, late, lost, failed = bench.generator(), [], 0, 0
+    for _ in range(bench.options.count):
         with tempfile.TemporaryDirectory() as folder:
             workspace(folder)
             command = [sys.executable, "-m", "fraexp", "measure", "axis"]
-            quiet = {"cwd": folder, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+            quiet: dict[str, Any] = {"cwd": folder, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
             process = subprocess.Popen(command, **quiet)
-            wait_for(lambda f=folder: log_of(f))
+            wait_until(lambda f=folder: bool(log_of(f)))
             time.sleep(draws.uniform(0.0, 6.0))
             os.kill(process.pid, signal.SIGKILL)
             process.wait()
             before = rows_of(folder)
-            wait_for(lambda f=folder: log_of(f)[-1]["event"] == "rest")
+            wait_until(lambda f=folder: log_of(f)[-1]["event"] == "rest")
             late += stop_delays(log_of(folder))
             failed += subprocess.run(command, **quiet, check=False).returncode != 0
-            after = rows_of(folder)
-            lost += not np.array_equal(after[: len(before)], before)
-        latest = max(late, default=0.0) * 1e3
-        print(
-            f"{number + 1}: at rest {latest:.0f} ms after the watchdog's time; lost {lost}, failed {failed}", flush=True
-        )
-    print(f"{count} kills: {len(late)} while it played, the machine at rest at most {max(late) * 1e3:.0f} ms after the")
-    print(f"watchdog's time, recorded samples lost in {lost}, resumed without completing {failed}")
+            lost += not np.array_equal(rows_of(folder)[: len(before)], before)
+    what = f"{bench.options.count} kills, {len(late)} while it played"
+    bench.bounded(f"{what}: at rest after the watchdog's time", 1e3 * max(late, default=0.0), 1e3 * AT_REST_S, "ms")
+    bench.bounded("recorded samples lost", lost, 0)
+    bench.bounded("resumed without completing", failed, 0)
 
 
 def rows_of(folder: str) -> np.ndarray:
@@ -105,27 +105,21 @@ def stop_delays(log: list[dict[str, Any]], watchdog: float = 0.5) -> list[float]
     return found
 
 
-def wait_for(condition: Any) -> None:
-    until = time.monotonic() + WAIT_TIMEOUT_S
-    while not condition():
-        if time.monotonic() > until:
-            raise TimeoutError
-        time.sleep(0.01)
-
-
-def band(goal: float = 0.1) -> None:
-    """Print the machine time in which all frequencies reach a band: adaptive, and with equally long records."""
-    grid = np.round(np.geomspace(2, 200, 20), 3).tolist()
+def band(bench: Bench) -> None:
+    """Machine time in which all frequencies reach a band: adaptive, and with equally long records."""
+    grid = np.round(np.geomspace(2, 200, 4 if bench.reduced else 20), 3).tolist()
     with tempfile.TemporaryDirectory() as folder:
         place = workspace(folder, frequencies=grid, noise="3 um", speed=0.0)
-        points = measured(place, f"measurement.band={goal}", "measurement.max_record_time=120")
+        points = measured(place, f"measurement.band={BAND_DB}", "measurement.max_record_time=120")
+        longest = max(point.periods * point.samples for point in points) * 500e-6
         adaptive = sum(point.machine_time for point in points)
-        worst = max(point.periods * point.samples for point in points) * 500e-6
-        print(f"adaptive: {adaptive:.0f} s, widest band {max(point.band for point in points):.3f} dB")
-        points = measured(place, f"excitation.min_record_time={worst}", "excitation.recorded_periods=4")
+        widest = max(point.band for point in points)
+        bench.row("adaptive", f"{adaptive:.0f} s of machine, widest band {widest:.3f} dB", widest <= BAND_DB)
+        points = measured(place, f"excitation.min_record_time={longest}", "excitation.recorded_periods=4")
         fixed = sum(point.machine_time for point in points)
-        print(f"fixed, {worst:.1f} s each: {fixed:.0f} s, widest band {max(point.band for point in points):.3f} dB")
-        print(f"adaptive takes {adaptive / fixed:.0%} of the machine time of the fixed plan")
+        widest = max(point.band for point in points)
+        bench.row(f"fixed, {longest:.1f} s each", f"{fixed:.0f} s of machine, widest band {widest:.3f} dB")
+        bench.bounded("adaptive over fixed", adaptive / fixed, 1.0)
 
 
 def measured(place: WorkspaceService, *overrides: str) -> list[Any]:
@@ -134,7 +128,4 @@ def measured(place: WorkspaceService, *overrides: str) -> list[Any]:
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "band":
-        band()
-    else:
-        kill(int(sys.argv[2]) if len(sys.argv) > 2 else 100)
+    run(__doc__, kill, band, count=(100, 2))

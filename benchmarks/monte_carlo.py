@@ -1,23 +1,19 @@
 """Run a Monte Carlo study over the friction force: rate against one process without storing, and memory during the run.
 
-    python benchmarks/monte_carlo.py             10,000 sweeps of 30 frequencies, on two cores: some minutes
+    python benchmarks/monte_carlo.py             10,000 sweeps of 30 frequencies: some minutes
     python benchmarks/monte_carlo.py --reduced   300 sweeps
 
-"alone" computes sweeps of the same study one after another, without storing and without other processes. The exit code
-is 1 if the run is slower than 0.85 of cores times that, or if memory grows.
+"alone" computes sweeps of the same study one after another, without storing and without other processes. The rate must
+be 0.85 of cores times that, that of two workers 1.8 of one, and memory must not grow.
 """
 
-import argparse
-import os
-import random
 import resource
-import statistics
-import sys
 import tempfile
 import time
 from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+import numpy as np
+from harness import Bench, run
 
 from fraexp.execution.events import Finished
 from fraexp.execution.executors import usable_cores
@@ -40,22 +36,22 @@ name = "conventional"
 [grid]
 "friction.curve.coulomb_force" = {forces}
 """
-LEAST_SHARE = 0.85
-"""Rate over cores times the rate alone, at least."""
-MOST_GROWTH = 1.15
-"""Memory at the end over memory at a quarter of the way, at most."""
+MIN_SHARE, MIN_GAIN, MAX_GROWTH = 0.85, 1.8, 1.15
+"""Bounds: rate over cores times the rate alone, that of two workers over one, memory over that at a quarter."""
+GROUP = 10
+"""Sweeps of which a rate is taken."""
 
 
-def alone(workspace: WorkspaceService, sweeps: int) -> float:
-    """Return the rate [1/s] of one process that stores nothing: the median over groups of ten sweeps."""
-    jobs = [Job(s.experiment, (s.estimator,), s.files) for s in workspace.studies(["draws"])[0].sweeps[: sweeps + 10]]
+def alone(workspace: WorkspaceService, groups: int) -> float:
+    """Return the rate [1/s] of one process that stores nothing: the median over groups of sweeps."""
+    sweeps = workspace.studies(["draws"])[0].sweeps[: (groups + 1) * GROUP]
     rates = []
-    for begin in range(0, len(jobs), 10):
+    for begin in range(0, len(sweeps), GROUP):
         began = time.perf_counter()
-        for job in jobs[begin : begin + 10]:
-            run_job(job, lambda _: None)
-        rates.append(10 / (time.perf_counter() - began))
-    return statistics.median(rates[1:])
+        for sweep in sweeps[begin : begin + GROUP]:
+            run_job(Job(sweep.experiment, (sweep.estimator,), sweep.files), lambda _: None)
+        rates.append(GROUP / (time.perf_counter() - began))
+    return float(np.median(rates[1:]))
 
 
 def resident() -> float:
@@ -64,40 +60,51 @@ def resident() -> float:
     return pages * resource.getpagesize() / 2**20
 
 
-def main() -> int:
-    """Print rates and memory; return 1 if a bound is missed."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--reduced", action="store_true", help="300 sweeps")
-    options.add_argument("--executor", default="processes", help="such as processes:2")
-    chosen = options.parse_args()
-    count = 300 if chosen.reduced else 10_000
-    draw = random.Random(1)
-    with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "studies").mkdir()
-        forces = [round(draw.gauss(17.9, 1.5), 5) for _ in range(count)]
-        (Path(folder) / "studies" / "draws.toml").write_text(STUDY.format(forces=forces))
-        workspace = WorkspaceService.open(folder)
-        single = alone(workspace, 60)
-        began, times, memory = time.perf_counter(), [], []
-        for event in workspace.run(["draws"], chosen.executor):
-            if isinstance(event, Finished):
-                times.append(time.perf_counter() - began)
-                if len(times) % max(count // 100, 1) == 0:
-                    memory.append(resident())
-        whole = time.perf_counter() - began
-        size = (Path(folder) / "results.db").stat().st_size / 2**20
-    skipped = len(times) // 10  # while the workers start
-    rate = (len(times) - skipped) / (times[-1] - times[skipped])
-    share = rate / (single * usable_cores())
-    growth = memory[-1] / memory[len(memory) // 4]
-    print(f"{count} sweeps of 30 frequencies: {whole:.1f} s, starting, storing and the figure included")
-    print(f"alone {single:.1f} sweeps/s; stored on {usable_cores()} cores {rate:.1f}/s, {share:.2f} of cores x alone")
-    early, late = memory[len(memory) // 4], memory[-1]
-    print(f"memory {early:.0f} MiB at a quarter, {late:.0f} MiB at the end; database {size:.0f} MiB")
-    missed = [name for name, bad in (("rate", share < LEAST_SHARE), ("memory", growth > MOST_GROWTH)) if bad]
-    print(f"missed: {', '.join(missed)}" if missed else "0 missed")
-    return 1 if missed else 0
+def stored(folder: Path, executor: str, database: str) -> tuple[float, list[float]]:
+    """Run the study; return its rate [1/s] once the workers have started, and the memory [MiB] after each sweep."""
+    times, memory = [], []
+    for event in WorkspaceService.open(folder, str(folder / database)).run(["draws"], executor):
+        if isinstance(event, Finished):
+            times.append(time.perf_counter())
+            memory.append(resident())
+    skipped = len(times) // 10
+    return (len(times) - 1 - skipped) / (times[-1] - times[skipped]), memory
+
+
+def workspace(folder: str, bench: Bench, count: int) -> Path:
+    """Write the study into a folder."""
+    (Path(folder) / "studies").mkdir()
+    forces = [round(force, 5) for force in bench.generator().normal(17.9, 1.5, count).tolist()]
+    (Path(folder) / "studies" / "draws.toml").write_text(STUDY.format(forces=forces), encoding="utf-8")
+    return Path(folder)
+
+
+def all_cores(bench: Bench) -> None:
+    """Rate and memory on all cores."""
+    with tempfile.TemporaryDirectory() as name:
+        folder, began = workspace(name, bench, bench.options.count), time.perf_counter()
+        single = alone(WorkspaceService.open(folder), 6)
+        rate, memory = stored(folder, bench.options.executor, "results.db")
+        size = (folder / "results.db").stat().st_size / 2**20
+    share, early = rate / (single * usable_cores()), memory[len(memory) // 4]
+    text = f"{rate:.1f}/s, alone {single:.1f}/s; {share:.2f} of cores x alone (at least {MIN_SHARE})"
+    bench.row(f"{len(memory)} sweeps on {usable_cores()} cores", text, share >= MIN_SHARE, share=share)
+    text = f"{early:.0f} MiB at a quarter, {memory[-1]:.0f} MiB at the end; database {size:.0f} MiB"
+    bench.row(f"memory, in {time.perf_counter() - began:.0f} s", text, memory[-1] <= MAX_GROWTH * early)
+
+
+def two_workers(bench: Bench) -> None:
+    """Rate of two workers over that of one: the median of pairs of runs."""
+    ratios = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = workspace(name, bench, min(bench.options.count, 300))
+        for pair in range(bench.options.pairs):
+            one, two = (stored(folder, f"processes:{n}", f"{pair}-{n}.db")[0] for n in (1, 2))
+            ratios.append(two / one)
+    ratio = float(np.median(ratios))
+    text = f"{ratio:.2f} of {bench.options.pairs} pairs (at least {MIN_GAIN})"
+    bench.row("two workers over one", text, ratio >= MIN_GAIN, ratio=ratio)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(__doc__, all_cores, two_workers, count=(10_000, 300), pairs=(5, 1), executor="processes")

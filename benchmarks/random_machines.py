@@ -1,35 +1,28 @@
 """Compare fraexp with an independent fine simulation on machines drawn at random, and print a table.
 
-    python benchmarks/random_machines.py                 40 machines
-    python benchmarks/random_machines.py --machines 8    the first eight of them
-    python benchmarks/random_machines.py --only 3 17     these two
-    python benchmarks/random_machines.py --seed 7        40 others
-    python benchmarks/random_machines.py --law coulomb   40 with this kind of friction
+    python benchmarks/random_machines.py                         40 machines
+    python benchmarks/random_machines.py --seed 7 --only 3 17    these two of a seed, with every frequency
+    python benchmarks/random_machines.py --law coulomb           40 with this kind of friction
 
 Mass, modes, damping, dead times, lags, friction of every kind, sample time, controller and amplitude are drawn. The
 encoder is ideal. At every point that fraexp calls ok the conventional response must lie within `numerics.tolerance`
 of the reference (`reference_loop`), and the proposed one (matched) within twice the tolerance of P(jω), or within its
 band. Points that are not ok are listed with the reason. Where physics allows better, as the reference shows, they must
-be fewer than a tenth of all. The exit code is 1 if a bound is missed.
+be fewer than a tenth of all.
 """
 
-import argparse
-import os
-import sys
 import time
 from dataclasses import dataclass
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import numpy as np
-from drawn_machines import LAWS, SEED, TOLERANCE, DrawnMachine, drawn_machine
+from drawn_machines import LAWS, TOLERANCE, DrawnMachine, drawn_machine
+from friction_bands import within_limits
+from harness import Bench, run
 from reference_loop import reference_response
 
-from fraexp.analysis.confidence import confidence_limits
 from fraexp.data.results import FrequencyResponse, Result
 from fraexp.execution.job import Failure, Job, run_job
 
-COUNT = 40
 GOAL = 0.1 * TOLERANCE
 """Error of the reference before extrapolation: a tenth of what it has to judge."""
 MAX_WITHHELD = 0.1
@@ -140,41 +133,34 @@ def _is_in_band(response: FrequencyResponse, index: int, ratio: complex) -> bool
     """Return whether the band of a response holds the response times `ratio`."""
     if response.numerical_error is not None and abs(ratio - 1) <= response.numerical_error[index]:
         return True  # without scatter no band is drawn, and the numerical error is all of it
-    limits = confidence_limits(response)
-    lower, upper = limits.magnitude[:, index]
-    first, last = limits.phase[:, index]
-    return bool(lower <= abs(ratio) <= upper and first <= np.angle(ratio) <= last)
+    return bool(within_limits(response, ratio * response.response)[:, index].all())
 
 
-def main() -> int:
-    """Print all machines; return 1 if a bound is missed."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--machines", type=int, default=COUNT, help="how many, from the first one on")
-    options.add_argument("--only", type=int, nargs="*", help="numbers of single machines")
-    options.add_argument("--seed", type=int, default=SEED, help="of the machines")
-    options.add_argument("--law", choices=sorted({*LAWS, "none"}), default="", help="friction of all machines")
-    options.add_argument("--points", action="store_true", help="print every frequency")
-    options.add_argument("--reduced", action="store_const", dest="machines", const=10, help="the same as --machines 10")
-    chosen = options.parse_args()
-    reports = []
-    for number in chosen.only or range(chosen.machines):
-        reports.append(compared(drawn_machine(number, chosen.seed, chosen.law)))
-        print(line(reports[-1]), flush=True)
-        if chosen.points:
-            print("\n".join(point(finding) for finding in reports[-1].findings), flush=True)
-    return summary(reports)
+def machines(bench: Bench) -> None:
+    """Worst errors at the points that are called ok, of both methods."""
+    reports, only, law = [], [int(text) for text in bench.options.only], bench.options.law
+    if law and law not in {*LAWS, "none"}:
+        raise SystemExit(f"no law {law!r}; known: {', '.join(sorted({*LAWS, 'none'}))}")
+    for number in only or range(bench.options.machines):
+        report = compared(drawn_machine(number, bench.seed, law))
+        reports.append(report)
+        what = f"{number} {report.machine.law}, A/F {report.machine.relative_amplitude:.2f}"
+        missed = any(any(finding.missed) for finding in report.findings)
+        bench.row(what, line(report), bool(report.findings) and not missed)
+        if only:
+            print("\n".join(point(finding) for finding in report.findings), flush=True)
+    summarise(bench, reports)
 
 
 def line(report: Report) -> str:
     """Return a machine's worst numbers at its points called ok."""
-    machine, findings = report.machine, report.findings
+    findings = report.findings
     worst = [max((f.conventional for f in findings if f.is_ok[0]), default=np.nan)]
     worst.append(max((f.proposed for f in findings if f.is_ok[1]), default=np.nan))
     missed = [sum(f.missed[way] for f in findings) for way in (0, 1)]
     error = max((f.reference_error for f in findings), default=np.nan)
     ok = "/".join(str(sum(f.is_ok[way] for f in findings)) for way in (0, 1))
-    text = f"{machine.number:3d} {machine.law:<26s} A/F {machine.relative_amplitude:5.2f} "
-    text += f"conventional {worst[0]:8.1e} ({missed[0]} missed) proposed {worst[1]:8.1e} ({missed[1]} missed) "
+    text = f"conventional {worst[0]:8.1e} ({missed[0]} missed) proposed {worst[1]:8.1e} ({missed[1]} missed) "
     text += f"ok {ok} of {len(findings)}, reference {error:7.1e}, {report.seconds[0]:.1f}/{report.seconds[1]:.1f} s; "
     text += report.numerics
     unlike = [message for message in dict.fromkeys(report.messages) if message != "ok"]
@@ -194,33 +180,23 @@ def point(finding: Finding) -> str:
     )
 
 
-def summary(reports: list[Report]) -> int:
-    """Print the figures over all machines; return 1 if a bound is missed."""
+def summarise(bench: Bench, reports: list[Report]) -> None:
+    """Print the figures over all machines."""
     findings = [finding for report in reports for finding in report.findings]
-    missed = 0
     for way, name in enumerate(("conventional", "proposed")):
         ok = [f for f in findings if f.is_ok[way]]
         values = np.array([(f.conventional, f.proposed)[way] for f in ok])
-        bad = sum(f.missed[way] for f in ok)
-        text = f"{name}: {len(ok)} of {len(findings)} points ok; {bad} outside the bound"
-        if way:
-            wide = sum(f.proposed > 2 * TOLERANCE and f.is_in_band for f in ok)
-            text += f", {wide} beyond {2 * TOLERANCE:g} but within the band"
-        print(f"{text}; median {np.median(values):.1e}, worst {values.max():.1e}" if values.size else text)
-        missed += bad
-    aperiodic = sum(not f.is_periodic for f in findings)
-    called = sum(not f.is_periodic and f.is_ok[0] for f in findings)
-    print(f"reference not periodic: {aperiodic} points, of which {called} are called ok")
-    for way, name in enumerate(("conventional", "proposed")):
+        text = f"{len(ok)} of {len(findings)} points ok"
+        text += f"; median {np.median(values):.1e}, worst {values.max():.1e}" if values.size else ""
+        wide = sum(f.proposed > 2 * TOLERANCE and f.is_in_band for f in ok)
+        bench.row(name, text + (f"; {wide} beyond {2 * TOLERANCE:g} but within the band" if way else ""))
         withheld = sum(f.is_withheld[way] for f in findings)
-        missed += len(reports) >= FEW and withheld > MAX_WITHHELD * len(findings)
-        print(f"{name}: {withheld} of {len(findings)} points not ok where physics allows better")
-    failed = sum(not report.findings for report in reports)
-    print(f"machines without an answer: {failed}")
-    missed += failed
-    print(f"{missed} missed")
-    return 1 if missed else 0
+        is_met = len(reports) < FEW or withheld <= MAX_WITHHELD * len(findings)
+        bench.row(f"{name}: not ok where physics allows better", f"{withheld} of {len(findings)} points", is_met)
+    aperiodic = [f for f in findings if not f.is_periodic]
+    called = sum(f.is_ok[0] for f in aperiodic)
+    bench.row("reference not periodic", f"{len(aperiodic)} points, of which {called} are called ok")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(__doc__, machines, machines=(40, 10), only=[], law="")

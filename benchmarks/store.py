@@ -1,13 +1,13 @@
 """Measure the time to list 100,000 sweeps, filtered, sorted and counted, and the database's size.
 
-Times are of the processor and of the clock.
+    python benchmarks/store.py                           in a temporary SQLite file
+    python benchmarks/store.py --database FILE or URL    in a database that is kept
 
-Half of the sweeps are a grid of amplitudes, friction forces, seeds and estimators with a list of 100 frequencies;
-the other half are drawn machines, no two alike. ``benchmarks/store.py [FILE or URL]`` keeps the database.
+Times are of the processor and of the clock; on a server that of the clock is bounded. Half of the sweeps are a grid of
+amplitudes, friction forces, seeds and estimators with a list of 100 frequencies; the other half are drawn machines, no
+two alike.
 """
 
-import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from harness import Bench, in_turns, run
 from sqlalchemy import bindparam, insert, update
 
 from fraexp.data.results import FrequencyResponse, Metric
@@ -82,59 +83,46 @@ QUESTIONS: dict[str, Callable[[Store], Any]] = {
 }
 
 
-def main() -> int:
+def queries(bench: Bench) -> None:
+    """Processor time and time by the clock [ms], and what matches."""
     with tempfile.TemporaryDirectory() as folder:
-        database = sys.argv[1] if len(sys.argv) > 1 else str(Path(folder) / "results.db")
+        database = bench.options.database or str(Path(folder) / "results.db")
         served = "://" in database
         if not (Store.exists(database) if served else Path(database).exists()):
-            began = time.perf_counter()
             make(database)
-            print(f"made {SWEEPS} sweeps in {time.perf_counter() - began:.1f} s")
-        missed = 0
         if not served:
-            size = Path(database).stat().st_size
-            print(f"{size / 2**20:.0f} MiB, {size / SWEEPS / 1024:.2f} KiB a sweep")
-            missed += sum(show_size(points) for points in (2, 30, 40, 100))
-        print()
+            print(f"{Path(database).stat().st_size / SWEEPS / 1024:.2f} KiB a sweep")
         with Store.open(database, read_only=True) as store:
-            return missed + sum(report(store, name, ask, served) for name, ask in QUESTIONS.items()) > 0
+            for name, ask in QUESTIONS.items():
+                used, waited = (
+                    float(np.median(in_turns(lambda ask=ask: ask(store), turns=5, clock=clock)))
+                    for clock in (time.process_time, time.perf_counter)
+                )
+                bound = FIRST_BOUND if name == "first page" else BOUND
+                answer = ask(store)
+                total = answer.total if hasattr(answer, "total") else ""
+                is_met = (waited if served else used) <= bound
+                bench.row(name, f"{1e3 * used:7.1f} ms {1e3 * waited:7.1f} ms {total:>8}", is_met, seconds=used)
+
+
+def size(bench: Bench) -> None:
+    """What sweeps of so many frequencies take, over the size of their arrays."""
+    for points in (2, 30, 40, 100):
+        with tempfile.TemporaryDirectory() as folder:
+            file, grid = Path(folder) / "size.db", [*crossed(1000), *drawn(1000)]
+            with Store.open(str(file), create=True) as store:
+                write_results(store, store.begin_run("size", "size.toml", "fraexp run", {}, grid), grid, points)
+            each = file.stat().st_size / len(grid)
+        data = {name: np.asarray(getattr(response(points), name), dtype) for name, dtype in codec.ARRAY_TYPES.items()}
+        ratio = each / sum(array.nbytes for array in data.values())
+        is_met = points < FREQUENCIES_OF_A_STUDY or ratio <= MOST_SIZE
+        bench.row(f"{points} frequencies", f"{each / 1024:5.2f} KiB a sweep, {ratio:.2f} times its arrays", is_met)
 
 
 def differing(store: Store, keys: list[str]) -> list[list[str]]:
     """Return in what sweeps differ, as the terminal UI and ``fraexp compare`` show it."""
     found = read_marked_sweeps(store, keys)
     return difference_rows(found.sweeps, found.results)
-
-
-def show_size(points: int, sweeps: int = 2000) -> bool:
-    """Print what sweeps of so many frequencies take beside their arrays; return whether it is too much."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "size.db"
-        grid = [*crossed(sweeps // 2), *drawn(sweeps // 2)]
-        with Store.open(str(file), create=True) as store:
-            write_results(store, store.begin_run("size", "size.toml", "fraexp run", {}, grid), grid, points)
-        size = file.stat().st_size / sweeps
-    data = {name: np.asarray(getattr(response(points), name), dtype) for name, dtype in codec.ARRAY_TYPES.items()}
-    raw = sum(array.nbytes for array in data.values())
-    missed = points >= FREQUENCIES_OF_A_STUDY and size > MOST_SIZE * raw
-    told = f"{points:3} frequencies: {size / 1024:5.2f} KiB a sweep, {size / raw:.2f} times its arrays"
-    print(f"{told}{'  missed' if missed else ''}", flush=True)
-    return missed
-
-
-def report(store: Store, name: str, ask: Callable[[Store], Any], served: bool) -> bool:
-    """Print how long a question takes, here and by the clock; return whether it is too long."""
-    times, waited = [], []
-    for _ in range(6):
-        began, clock = time.process_time(), time.perf_counter()
-        answer = ask(store)
-        times.append(time.process_time() - began)
-        waited.append(time.perf_counter() - clock)
-    warm, clock = statistics.median(times[1:]), statistics.median(waited[1:])
-    missed = (clock if served else warm) > (FIRST_BOUND if name == "first page" else BOUND)
-    total = answer.total if hasattr(answer, "total") else ""
-    print(f"{name:45} {1e3 * warm:7.1f} ms {1e3 * clock:7.1f} ms {total:>8}{'  missed' if missed else ''}", flush=True)
-    return missed
 
 
 def make(database: str) -> None:
@@ -241,4 +229,4 @@ def write_results(store: Store, run: int, part: list[Sweep], points: int = 2) ->
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(__doc__, size, queries, database="")

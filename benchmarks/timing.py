@@ -1,35 +1,43 @@
-"""Measure the everyday times of docs/performance.md: a warm sweep, start-up, a first result, a reused study.
+"""Measure the everyday times of docs/performance.md, and the overhead of a sweep.
 
-Start-up is also given as a fraction of the time to import numpy, sqlalchemy and pydantic, measured in turn.
+    python benchmarks/timing.py                     all parts
+    python benchmarks/timing.py sweeps start-up     these
+    python benchmarks/timing.py --reduced           fewer runs, laws and sweeps
+    python benchmarks/timing.py --against COMMIT    processor time of sweeps, over that with the fraexp of a commit
 
-    python benchmarks/timing.py            medians of several runs
-    python benchmarks/timing.py --reduced  of fewer runs
+sweeps     A warm sweep of 100 frequencies, 1 to 200 Hz, with its estimates
+start-up   What a user waits for in a shell: fresh processes; also as a share of the imports that they cannot do without
+laws       Processor time to compile friction laws, each in a fresh process: in an empty cache, each further law
+edit       A local law that is edited compiles itself again, and no other one
+overhead   Tiny sweeps, without friction and with an estimator that does nothing: claiming, sending, answering, storing
+           and reporting, less the bare computation in this process
 
-The machine should have nothing else to do; bounds are given in brackets, and the exit code is 1 if one is missed.
-`benchmarks/scaling.py` measures how times grow, and memory.
+The machine should have nothing else to do.
 """
 
-import argparse
+import importlib.util
+import json
 import os
-import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+from typing import Any
 
 import numpy as np
-from calibrate_machine import MACHINE, sections_of
+from harness import Action, Bench, in_turns, run
+from paper_machine import PAPER, PATH, REGISTRY, decibel, loop_job, response_of, results
 
-from fraexp.components.registry import discover
-from fraexp.execution.job import Failure, Job, run_job
+from fraexp.execution.events import Finished
+from fraexp.execution.job import Job, run_job
 from fraexp.simulation.machine import reference_response
+from fraexp.workspace.workspace_service import WorkspaceService
 
 FRAEXP = ["-m", "fraexp"]
-FIRST = """
+FIRST_RESULT = """
 from fraexp.execution.events import Finished
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -37,131 +45,265 @@ events = WorkspaceService.open(".").run(["quick"], "serial", rerun="all")
 next(event for event in events if isinstance(event, Finished))
 events.close()
 """
-"""Stops at the first result."""
 IMPORTS = ["-c", "import numpy, sqlalchemy, pydantic"]
-STARTS = {
-    "fraexp list": ([*FRAEXP, "list"], 1.3),
-    "fraexp plugins": ([*FRAEXP, "plugins"], None),
-    "study paper/fig12 reused": ([*FRAEXP, "run", "paper/fig12"], 2.0),
+COMMANDS: dict[str, tuple[list[str], float, float]] = {
+    "python alone": (["-c", ""], np.inf, np.inf),
+    "importing numpy, sqlalchemy, pydantic": (IMPORTS, np.inf, np.inf),
+    "import fraexp.api": (["-c", "import fraexp.api"], np.inf, np.inf),
+    "fraexp --help": ([*FRAEXP, "--help"], 0.3, np.inf),
+    "fraexp plugins": ([*FRAEXP, "plugins"], np.inf, np.inf),
+    "fraexp list": ([*FRAEXP, "list"], np.inf, 1.3),
+    "first result of study quick, laws compiled before": (["-c", FIRST_RESULT], 1.5, np.inf),
+    "study paper/fig12, reused": ([*FRAEXP, "run", "paper/fig12"], 1.0, 2.0),
 }
-"""Commands, and the share of the time of `IMPORTS` that they may take."""
+"""Commands, the bound of their time [s], and that of its ratio to the time of `IMPORTS`."""
+FIRST_S, FURTHER_S, EDIT_S, ALL_S = 10.0, 5.0, 6.0, 60.0
+"""Bounds: first law in an empty cache, each further one, a rerun after an edit, all built-in laws together [s]."""
+OTHERS = {"none": {}, "composite": {"preset": "dahl_and_viscous"}}
+"""Built-in laws that benchmarks/accuracy.py does not compare."""
+DROPPED_IN = '''"""A law in a file of its own."""
+
+from fraexp.api import FrictionModel, param
 
 
-def median_time(action: Callable[[], object], runs: int) -> float:
-    """Return the median time [s] of an action over several runs, after one that is not counted."""
-    action()
-    return statistics.median(timed(action) for _ in range(runs))
+class Dropped(FrictionModel, name="{name}", version=1):
+    """A spring that slips."""
+
+    states = ("deflection [m]",)
+    stiffness: float = param("N/m", "presliding stiffness", above=0)
+    limit: float = param("m", "deflection at which it slips", above=0)
+
+    @staticmethod
+    def advance(z, dy, dt, z_next, stiffness, limit):
+        """Friction force [N]."""
+        z_next[0] = min(max(z[0] + dy, -limit), limit)
+        return {factor} * stiffness * z_next[0]
+'''
+EDITED = """
+machine = "linear_motor_table"
+friction = {{ name = "{name}", stiffness = 3.9e5, limit = 45e-6 }}
+excitation = {{ name = "stepped_sine", amplitude = 12.0, points = 4 }}
+grid = {{ estimator = [{{ name = "conventional" }}, {{ name = "effective_input" }}] }}
+"""
+TRIVIAL = '''
+from fraexp.api import Estimator, Metric, Outcome, Result
 
 
-def timed(action: Callable[[], object]) -> float:
-    """Return the time [s] that an action takes."""
-    began = time.perf_counter()
-    action()
-    return time.perf_counter() - began
+class Trivial(Estimator, name="trivial", version=1):
+    """Does next to nothing."""
+
+    def estimate(self, signals):
+        """Return one metric."""
+        return Result(Outcome.OK, metrics=(Metric("peak", float(signals.segments[0].channels["friction"][0, 0]), "N"),))
+'''
+TINY = """
+[loop]
+sample_time = 1e-3
+[friction]
+name = "none"
+[estimator]
+name = "trivial"
+[excitation]
+name = "displacement_sine"
+frequency = 10.0
+[grid]
+"excitation.amplitude" = {values}
+"""
+MAX_OVERHEAD_MS = {"serial": np.inf, "processes": 2.0, "dask": 5.0}
 
 
-def sweep_job(amplitude: float, quick: bool = False) -> Job:
-    """Return FRA of the paper's machine at 100 frequencies, 1 to 200 Hz.
+def sweep_job(amplitude: float = 12.0, points: int = 100, is_quick: bool = False) -> Job:
+    """Return FRA of the paper's machine from 1 to 200 Hz.
 
-    Either the proposed method as studies have it by default, or `quick` both methods, settled to 1e-4, on an ideal
-    scale with the numerics that 0.01 dB need.
+    Either the proposed method as studies have it by default, or both methods, settled to 1e-4, on an ideal scale with
+    the numerics that 0.01 dB need.
     """
-    sections = sections_of(MACHINE)
-    excitation = {"name": "stepped_sine", "amplitude": amplitude}
-    proposed = {"name": "effective_input", "friction": sections["friction"]}
-    path = {"input_dead_time": sections["loop"]["input_dead_time"]}
-    experiment = {"source": "loop", **sections, "excitation": excitation, "numerics": {}}
-    if not quick:
-        return Job(experiment, ({**proposed, **path},))
-    experiment |= {
-        "excitation": {**excitation, "settling_tolerance": 1e-4},
-        "loop": {**sections["loop"], "resolution": 0.0},
-        "numerics": {"tolerance": 1e-3},
-    }
-    return Job(experiment, ({"name": "conventional"}, {**proposed, **path, "oversampling": 2}))
+    excitation = {"name": "stepped_sine", "amplitude": amplitude, "points": points}
+    proposed = {"name": "effective_input", "friction": PAPER["friction"], **PATH}
+    if not is_quick:
+        return loop_job(PAPER, excitation, proposed)
+    ideal = {**PAPER, "loop": {**PAPER["loop"], "resolution": 0.0}, "numerics": {"tolerance": 1e-3}}
+    excitation["settling_tolerance"] = 1e-4
+    return loop_job(ideal, excitation, {"name": "conventional"}, {**proposed, "oversampling": 2})
 
 
-def greatest_error(job: Job) -> float:
-    """Return the greatest error of the last estimator against P(jω) [dB]."""
-    answer = run_job(job, lambda _: None)[-1]
-    if isinstance(answer, Failure) or answer.response is None:
-        raise SystemExit(f"no response: {answer.message}")
-    truth = reference_response(job.experiment, answer.response.frequency, discover())
-    return float(np.max(np.abs(20 * np.log10(np.abs(answer.response.response / truth)))))
+def performed(*jobs: Job) -> Action:
+    """Return an action that performs jobs one after another."""
+    return lambda: [response_of(result) for job in jobs for result in results(job)]
 
 
-def command(*arguments: str, folder: str) -> Callable[[], object]:
+WORKS: dict[str, Callable[[], Action]] = {
+    "sweep of 100 frequencies, both methods": lambda: performed(sweep_job(is_quick=True)),
+    "sweep of 100 frequencies, proposed method": lambda: performed(sweep_job()),
+    "sweep of 30 frequencies, proposed method": lambda: performed(sweep_job(points=30)),
+}
+
+
+def sweeps(bench: Bench) -> None:
+    """Medians."""
+    jobs = {f"100 frequencies, {force:g} N": (sweep_job(force), 0.5) for force in (12.0, 75.0)}
+    quick = sweep_job(is_quick=True)
+    response = response_of(results(quick)[-1])
+    truth = reference_response(quick.experiment, response.frequency, REGISTRY)
+    error = float(np.max(np.abs(decibel(response.response / truth))))
+    jobs[f"the same at 12 N, both methods, to {error:.3f} dB"] = quick, 0.02
+    times = np.median(in_turns(*(performed(job) for job, _ in jobs.values()), turns=3 * bench.options.runs), axis=1)
+    for (name, (_, bound)), taken in zip(jobs.items(), times, strict=True):
+        bench.bounded(name, float(taken), bound, "s")
+
+
+def start_up(bench: Bench) -> None:
+    """Medians, and ratios to the imports, which take turns with them."""
+    with tempfile.TemporaryDirectory() as folder:
+        actions = [in_process(folder, *words) for words, *_ in COMMANDS.values()]
+        times = np.median(in_turns(*actions, turns=bench.options.runs), axis=1)
+    imports = times[list(COMMANDS).index("importing numpy, sqlalchemy, pydantic")]
+    for (name, (_, bound, ratio_bound)), taken in zip(COMMANDS.items(), times, strict=True):
+        bench.bounded(name, float(taken), bound, "s")
+        if np.isfinite(ratio_bound):
+            bench.bounded(f"{name}, over importing numpy, sqlalchemy, pydantic", float(taken / imports), ratio_bound)
+
+
+def in_process(folder: str, *arguments: str) -> Action:
     """Return an action that runs Python with these arguments in a folder, in a fresh process."""
     kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     return lambda: subprocess.run([sys.executable, *arguments], cwd=folder, check=True, capture_output=True, env=kept)
 
 
-def shares(runs: int) -> int:
-    """Time commands in turn with the imports that they cannot do without; return how many bounds are missed."""
+def use_laws(names: list[str]) -> None:
+    """Use each law in the loop and in the observer for the first time in this process; print the processor time."""
+    from accuracy import MODELS
+    from kernel import machine, model, rolling, sweep
+    from paper_machine import simulated
+
+    from fraexp.components.kinds import Motion
+
+    report = {"imports": time.process_time()}
+    for name in names:
+        began = time.process_time()
+        friction = rolling(20) if name == "rolling" else model({"name": name, **{**MODELS, **OTHERS}[name]})
+        signals = simulated(machine(friction, 0), sweep(4, lowest=20.0))
+        displacement = signals.segments[0].channels["displacement"][0]
+        friction.forces([Motion(displacement, 5e-4, periodic=True)] * 2)
+        report[name] = time.process_time() - began
+    print(json.dumps(report))
+
+
+def with_own_cache(folder: Path) -> dict[str, str]:
+    """Return an environment with a cache folder of its own."""
+    return {**os.environ, "FRAEXP_CACHE_DIR": str(folder / "cache")}
+
+
+def laws(bench: Bench) -> None:
+    """First use of each law in a process of its own, all with one cache."""
+    from accuracy import MODELS
+
+    names, total = ["rolling", "gms", "lugre"] if bench.reduced else [*MODELS, *OTHERS], 0.0
     with tempfile.TemporaryDirectory() as folder:
-        actions = {name: command(*said, folder=folder) for name, (said, _) in STARTS.items()}
-        actions = {"imports": command(*IMPORTS, folder=folder)} | actions
-        command(*FRAEXP, "run", "paper/fig12", folder=folder)()
-        for action in actions.values():
-            action()
-        times = [{name: timed(action) for name, action in actions.items()} for _ in range(runs)]
-    missed = 0
-    for name, (_, bound) in STARTS.items():
-        share = statistics.median(turn[name] for turn in times) / statistics.median(turn["imports"] for turn in times)
-        missed += row(f"{name} over importing numpy, sqlalchemy, pydantic", share, bound, "×")
-    return missed
+        for number, name in enumerate(names):
+            command = [sys.executable, __file__, "--use-laws", name]
+            environment = with_own_cache(Path(folder))
+            done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
+            report: dict[str, float] = json.loads(done.stdout)
+            taken = report[name] + (0.0 if number else report["imports"])
+            total += taken
+            what = f"{name}: further law" if number else f"{name}: first use in an empty cache, with imports"
+            bench.bounded(what, taken, FURTHER_S if number else FIRST_S, "s")
+    bench.bounded(f"{len(names)} laws together", total, ALL_S, "s")
 
 
-def row(what: str, taken: float, bound: float | None, unit: str = "s") -> bool:
-    """Print a time [s], or a share [×], with its bound; return whether the bound is missed."""
-    missed = bound is not None and taken > bound
-    print(
-        f"{what:<72s}{taken:8.3f} {unit}" + (f" ({bound:g})" if bound else "") + (" MISSED" if missed else ""),
-        flush=True,
-    )
-    return missed
+def edit(bench: Bench) -> None:
+    """A study with a local law in an empty cache, and again after an edit of the law."""
+    with workspace("edited", EDITED.format(name="dropped"), "dropped", dropped("1.0")) as folder:
+        first, before = _run_edited(folder), _kernels(folder)
+        (folder / "plugins" / "dropped.py").write_text(dropped("0.9"), encoding="utf-8")
+        again, after = _run_edited(folder, "--rerun", "stale"), _kernels(folder)
+    bench.bounded("a study with a local law in an empty cache", first, np.inf, "s")
+    bench.bounded("the same after an edit of the law", again, EDIT_S, "s")
+    is_kept = before.items() <= after.items() and len(after) > len(before)
+    bench.row("kernels before and after", f"{len(before)}, {len(after)}; the former unchanged: {is_kept}", is_kept)
 
 
-def fresh_processes(runs: int) -> int:
-    """Time what a user waits for in a shell; return how many bounds are missed."""
-    with tempfile.TemporaryDirectory() as folder:
-        again = [*FRAEXP, "run", "quick", "--rerun", "all", "--executor", "serial"]
-        reused = [*FRAEXP, "run", "paper/fig12"]
-        command(*reused, folder=folder)()
-        rows = [
-            ("python alone", ["-c", ""], None),
-            ("import fraexp.api", ["-c", "import fraexp.api"], None),
-            ("fraexp --help", [*FRAEXP, "--help"], 0.3),
-            ("fraexp plugins", [*FRAEXP, "plugins"], None),
-            ("first result of study quick in a fresh process, laws compiled before", ["-c", FIRST], 1.5),
-            ("all of study quick, the same, with its figure", again, None),
-            ("study paper/fig12, reused", reused, 1.0),
-            ("fraexp list", [*FRAEXP, "list"], None),
-        ]
-        missed = sum(row(what, median_time(command(*said, folder=folder), runs), bound) for what, said, bound in rows)
-        size = sum(file.stat().st_size for file in Path(folder).glob("results.db*"))
-        print(f"database with these studies: {size / 1024:.0f} KiB")
-    return missed
+def dropped(factor: str) -> str:
+    """Return the text of a local law."""
+    return DROPPED_IN.format(name="dropped", factor=factor)
 
 
-def main() -> int:
-    """Print all times; return 1 if a bound is missed."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--reduced", action="store_true", help="fewer runs")
-    runs = 3 if options.parse_args().reduced else 7
-    missed = 0
-    for amplitude in (12.0, 75.0):
-        job = sweep_job(amplitude)
-        taken = median_time(lambda job=job: run_job(job, lambda _: None), runs)  # type: ignore[misc]
-        missed += row(f"sweep of 100 frequencies, 1…200 Hz, {amplitude:g} N, with its estimate, warm", taken, 0.5)
-    job = sweep_job(12.0, quick=True)
-    taken = median_time(lambda: run_job(job, lambda _: None), 5 * runs)
-    missed += row(f"the same at 12 N, both methods, to {greatest_error(job):.3f} dB", taken, 0.02)
-    missed += fresh_processes(runs)
-    missed += shares(3 * runs)
-    print(f"{missed} missed")
-    return min(missed, 1)
+@contextmanager
+def workspace(study: str, text: str, plugin: str, source: str) -> Iterator[Path]:
+    """Yield the folder of a workspace with a study and a local plugin."""
+    with tempfile.TemporaryDirectory() as name:
+        for part, file, content in (("studies", f"{study}.toml", text), ("plugins", f"{plugin}.py", source)):
+            (Path(name) / part).mkdir()
+            (Path(name) / part / file).write_text(content, encoding="utf-8")
+        yield Path(name)
+
+
+def _kernels(folder: Path) -> dict[str, int]:
+    """Return when each compiled kernel was written."""
+    return {str(file): file.stat().st_mtime_ns for file in (folder / "cache").rglob("*.kernel")}
+
+
+def _run_edited(folder: Path, *arguments: str) -> float:
+    """Return the processor time of a run in a fresh process [s], which other work leaves alone."""
+    before = os.times()
+    command = [sys.executable, *FRAEXP, "run", "--executor", "serial", "edited", *arguments]
+    subprocess.run(command, cwd=folder, env=with_own_cache(folder), check=True, capture_output=True)
+    after = os.times()
+    return after.children_user + after.children_system - before.children_user - before.children_system
+
+
+def overhead(bench: Bench) -> None:
+    """What a tiny sweep costs beside computing it [ms], or the processor time of the scheduler's process of it."""
+    values = [round((n + 1) * 1e-6, 9) for n in range(bench.options.tiny)]
+    with workspace("tiny", TINY.format(values=values), "trivial", TRIVIAL) as folder:
+        tiny = WorkspaceService.open(folder).studies(["tiny"])[0].sweeps[:500]
+        jobs = [Job(sweep.experiment, (sweep.estimator,), sweep.files, str(folder / "plugins")) for sweep in tiny]
+        bare = float(in_turns(lambda: [run_job(job, lambda _: None) for job in jobs], turns=1)[0, 0]) / len(jobs)
+        _overhead(bench, folder, "serial", bare)
+        _overhead(bench, folder, "processes:2", bare)
+        if importlib.util.find_spec("distributed"):
+            with dask_cluster(folder) as executor:
+                _overhead(bench, folder, executor, bare)
+        else:
+            print("(Dask is not installed: left out)")
+
+
+def _overhead(bench: Bench, folder: Path, executor: str, bare: float) -> None:
+    name, moments = executor.partition(":")[0], []
+    for event in WorkspaceService.open(folder, str(folder / f"{name}.db")).run(["tiny"], executor):
+        if isinstance(event, Finished):
+            if event.state != "computed":
+                raise SystemExit(f"{event.state}: {event.error}")
+            moments.append((time.perf_counter(), time.process_time()))
+    late = np.array(moments[len(moments) // 5 :])  # workers are up by then
+    wall, used = (late[-1] - late[0]) / (len(late) - 1)
+    cost, busy = 1e3 * (wall - bare), 1e3 * (used - (bare if name == "serial" else 0.0))
+    print(f"{name}: {1e3 * wall:.2f} ms each, {1e3 * bare:.2f} ms bare; the scheduler's process is busy {busy:.2f} ms")
+    bench.bounded(f"overhead of a tiny sweep, {name}", min(cost, busy), MAX_OVERHEAD_MS[name], "ms")
+
+
+@contextmanager
+def dask_cluster(folder: Path) -> Iterator[str]:
+    """Start a Dask scheduler and two workers, and yield the name of their executor."""
+    command, file = [sys.executable, "-m", "dask"], folder / "scheduler.json"
+    quiet: dict[str, Any] = {"cwd": folder, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    local = ["--scheduler-file", str(file), "--no-dashboard", "--host", "127.0.0.1"]
+    processes = [subprocess.Popen([*command, "scheduler", "--port", "0", *local], **quiet)]
+    try:
+        while not file.exists():
+            time.sleep(0.1)
+        processes += [subprocess.Popen([*command, "worker", *local, "--nthreads", "1"], **quiet) for _ in range(2)]
+        yield f"dask:{file}"
+    finally:
+        for process in reversed(processes):
+            process.terminate()
+        for process in processes:
+            process.wait()
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    if sys.argv[1:2] == ["--use-laws"]:
+        use_laws(sys.argv[2:])
+    else:
+        run(__doc__, sweeps, start_up, laws, edit, overhead, works=WORKS, runs=(7, 3), tiny=(5000, 500))

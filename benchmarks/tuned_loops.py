@@ -5,26 +5,24 @@ discretised by a matrix exponential, the controller is realised by scipy, and fr
 the describing function's closed form at a random amplitude.
 """
 
-import argparse
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from fraexp_plugins.tuning._shared.plant_band import drawn_values, plant_of
+from harness import Bench, run
 from numpy.typing import NDArray
+from paper_machine import MACHINES, REGISTRY, sections_of
 from scipy.linalg import expm
 from scipy.signal import tf2ss
 
 from fraexp.components.kinds import Controller, Estimator, Excitation, Plant
-from fraexp.components.registry import Registry, create, discover
+from fraexp.components.registry import Registry, create
 from fraexp.data.results import Fit, Result
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import build_machine
 
-MACHINES = Path(__file__).parents[1] / "studies" / "machines"
 DEAD_SAMPLES = 2
 
 
@@ -44,7 +42,7 @@ class TunedMachine:
 
 def tune(registry: Registry, machine: str, noise: float, model_error: float, **settings: object) -> TunedMachine:
     """Measure a machine by a stepped sine with an encoder that is noisy [m], and tune its feedback."""
-    sections = tomllib.loads((MACHINES / f"{machine}.toml").read_text("utf-8"))
+    sections = sections_of(MACHINES / f"{machine}.toml")
     names = ("plant", "friction", "controller")
     experiment: dict[str, Any] = {name: sections[name] for name in names}
     experiment |= {"loop": {**sections["loop"], "noise": noise, "seed": 4}, "numerics": {}}
@@ -122,24 +120,17 @@ def unstable_loops(machine: TunedMachine, controller: Controller, draws: int, se
     return int(np.sum(radii >= 1.0)), float(radii.max())
 
 
-def main() -> None:
-    """Print the number of unstable loops for several bands, with the tuned gains and with thrice the gain margin."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--draws", type=int, default=10_000)
-    arguments = parser.parse_args()
-    registry = discover()
-    print("machine                     integral  noise     model error  Kp [N/m]  unstable  greatest pole")
+def drawn_loops(bench: Bench) -> None:
+    """Unstable loops among plants drawn in the band, for several bands."""
     for name in ("linear_motor_table", "linear_motor_table_integral"):
-        for noise, model_error, integral in ((0.1e-6, 0.02, True), (3e-6, 0.02, False), (3e-6, 0.02, True)):
-            machine = tune(registry, name, noise, model_error, integral_action=integral)
-            count, worst = unstable_loops(machine, machine.controller, arguments.draws)
+        for noise, is_integral in ((0.1e-6, True), (3e-6, False), (3e-6, True)):
+            machine = tune(REGISTRY, name, noise, 0.02, integral_action=is_integral)
+            count, worst = unstable_loops(machine, machine.controller, bench.options.draws, 2 * bench.seed)
             gain = machine.controller.model_dump()["proportional"]
-            print(
-                f"{name:27} {integral!s:9} {noise * 1e6:.1f} µm    {model_error:11.2f} {gain:9.0f} "
-                f"{count:5} of {arguments.draws} {worst:.6f}",
-                flush=True,
-            )
+            what = f"{name}, {noise * 1e6:.1f} µm{', integral action' * is_integral}"
+            text = f"Kp {gain:9.0f} N/m: {count} of {bench.options.draws} unstable, greatest pole {worst:.6f}"
+            bench.row(what, text, count == 0, worst=worst)
 
 
 if __name__ == "__main__":
-    main()
+    run(__doc__, drawn_loops, draws=(10_000, 500))

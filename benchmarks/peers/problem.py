@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from accuracy import FRICTION, PLANT, REGISTRY, SECTIONS
+from paper_machine import FRICTION, PAPER, PLANT, REGISTRY
 
 from fraexp.components.kinds import Controller
 from fraexp.components.registry import create
@@ -116,10 +116,10 @@ class Peer:
 
 def paper_loop(frequencies: np.ndarray, samples: int, amplitude: float = 12.0) -> Problem:
     """Return the paper's machine with an ideal encoder, one lane per frequency [Hz], excited with an amplitude [N]."""
-    loop = SECTIONS["loop"]
+    loop = PAPER["loop"]
     sample_time = loop["sample_time"]
     model = PLANT.state_space()
-    controller = create(REGISTRY, Controller, SECTIONS["controller"])
+    controller = create(REGISTRY, Controller, PAPER["controller"])
     numerator, denominator = controller.transfer_function(sample_time)
     cycles, block = np.array([whole_periods(f * sample_time, min(samples, LONGEST)) for f in frequencies]).T
     phase = 2 * np.pi * cycles[:, None] * np.arange(samples) / block[:, None]

@@ -9,7 +9,11 @@ import pytest
 
 @pytest.mark.parametrize(
     ("script", "arguments"),
-    [("accuracy.py", []), ("friction.py", ["rolling", "gms", "elastoplastic"]), ("controller_search.py", [])],
+    [
+        ("accuracy.py", ["without-friction", "proposed", "fits", "model-errors"]),
+        ("accuracy.py", ["laws", "--law", "rolling", "gms", "elastoplastic"]),
+        ("positioning.py", []),
+    ],
 )
 @pytest.mark.thorough
 def test_no_stated_accuracy_is_missed(checkout: Path, script: str, arguments: list[str]) -> None:

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import pytest
+from flipped_bits import attack
 
-from benchmarks.flipped_bits import attack
 from fraexp.store import Store
 from tests.cli.conftest import fill
 

@@ -9,7 +9,7 @@ import pytest
 
 @pytest.mark.thorough
 def test_every_band_covers_the_truth(checkout: Path) -> None:
-    command = [sys.executable, str(checkout / "benchmarks" / "band_coverage.py"), "--reduced"]
+    command = [sys.executable, str(checkout / "benchmarks" / "band_coverage.py"), "--reduced", "--seed", "5"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.rstrip().endswith("0 missed")

@@ -159,13 +159,8 @@ def test_a_tolerance_that_settles_nothing_is_refused():
 
 @pytest.mark.thorough
 def test_bands_cover_the_truth_on_the_simulated_loop(checkout: Path) -> None:
-    command = [
-        sys.executable,
-        str(checkout / "benchmarks" / "encoder_band.py"),
-        "--reduced",
-        "--method",
-        "effective_input",
-    ]
+    script = checkout / "benchmarks" / "friction_bands.py"
+    command = [sys.executable, str(script), "encoder", "--reduced", "--method", "effective_input", "--seed", "0"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
 

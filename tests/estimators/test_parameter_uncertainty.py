@@ -208,7 +208,8 @@ def test_a_matrix_that_is_no_correlation_is_refused(matrix):
 @pytest.mark.thorough
 def test_the_plant_lies_in_the_band_when_friction_is_drawn_from_it(checkout):
     """At 95 % of the frequencies at least, with and without sensor noise, in all three ways to read the band."""
-    command = [sys.executable, str(checkout / "benchmarks" / "friction_band.py"), "--reduced"]
+    script = checkout / "benchmarks" / "friction_bands.py"
+    command = [sys.executable, str(script), "drawn-friction", "--reduced", "--seed", "0"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.rstrip().endswith("0 missed")

@@ -1,4 +1,4 @@
-"""A few thousand hostile inputs for all parsers; `benchmarks/fuzz.py` feeds as many as one likes."""
+"""A few thousand hostile inputs for all parsers; `benchmarks/long_draws.py` feeds as many as one likes."""
 
 import signal
 from random import Random

@@ -270,7 +270,7 @@ def test_whiteness():
 
 @pytest.mark.thorough
 def test_the_stated_intervals_hold_the_truth(checkout: Path) -> None:
-    command = [sys.executable, str(checkout / "benchmarks" / "plant_fit.py"), "--reduced"]
+    command = [sys.executable, str(checkout / "benchmarks" / "plant_fit.py"), "--reduced", "--seed", "6"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.rstrip().endswith("0 missed")

@@ -1,7 +1,5 @@
 """Friction in N m over rad: of a simulated bench it is found, of a measured one without friction it is refused."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -39,13 +37,3 @@ def test_a_bench_without_friction_is_refused_with_the_reason(tmp_path: Path, nam
         fraexp.FraexpError, match=r"the force still rises by 0\.0\d+ N m of 0\.0\d+ N m; record a motion"
     ):
         fraexp.Workspace(tmp_path).estimate(record, {"name": name, "thrust": "u", "displacement": "y"})
-
-
-@pytest.mark.skipif(not BENCH.exists(), reason="the measured record is not beside this checkout")
-def test_of_that_bench_only_the_coulomb_torque_of_the_motor_is_identifiable(checkout: Path) -> None:
-    """Bounds of any unbiased estimator, with what the torque balance of both bodies leaves in each period alike."""
-    command = [sys.executable, str(checkout / "benchmarks" / "measured_bench_friction.py"), str(BENCH)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    motor = next(line.split()[1:] for line in done.stdout.splitlines() if line.startswith("motor"))
-    assert [float(value) for value in motor] == pytest.approx([0.011, 0.0004, 0.0037], rel=0.1)

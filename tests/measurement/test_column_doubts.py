@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drawn_machines import LAWS, drawn_machine
 
 from fraexp.components.kinds import Excitation
 from fraexp.components.registry import Registry, create
@@ -137,11 +138,8 @@ SEEN_BY_FEEDBACK = ("excitation as u", "y negated", "y / 1000", "y * 3", "y in m
 @pytest.mark.thorough
 @pytest.mark.parametrize("number", range(30))
 def test_on_drawn_machines_too(
-    number: int, checkout: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, registry: Registry
+    number: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, registry: Registry
 ) -> None:
-    monkeypatch.syspath_prepend(str(checkout / "benchmarks"))
-    from drawn_machines import LAWS, drawn_machine
-
     still = Demand(0.0, 0.0, 0.0, 0.0, 0.0)  # what a stop asks for takes long, and no limit is near
     monkeypatch.setattr(measurement_plan, "simulate_demands", lambda plays: [still] * len(plays))
     draws = np.random.default_rng([40611, number])

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hostile_laws import LAWS, Law
 
 from fraexp.components.first_trial import first_trial
 from fraexp.components.kinds import FrictionModel, Motion
@@ -19,10 +20,6 @@ from fraexp.components.registry import create, discover
 from fraexp.errors import PluginError
 from fraexp.kernels.call_watch import MAX_SLOW_CALLS, CallBudget
 from fraexp.kernels.law_error import LawCallError, LawError
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from hostile_laws import LAWS, Law
-
 from tests.examples import some, thorough
 
 MANY_REVERSALS = 3e-5 * np.sin(2 * np.pi * np.arange(40_000) / 40)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
+from tuned_loops import MACHINES, TunedMachine, spectral_radii, tune, unstable_loops
 
-from benchmarks.tuned_loops import MACHINES, TunedMachine, spectral_radii, tune, unstable_loops
 from fraexp.cli.main import main
 from fraexp.components.kinds import Controller, Estimator, Plant
 from fraexp.components.registry import Registry, create

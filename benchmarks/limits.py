@@ -1,48 +1,49 @@
-"""How rarely an excitation that is played exceeds a limit by more than the margin: rarer than one can draw.
+"""How rarely an excitation that is let pass exceeds a limit, in a fine simulation that shares no code with the check.
 
-    python benchmarks/limit_probability.py                         each law once, levels down to 1e-7
-    python benchmarks/limit_probability.py --laws lugre --size 200 --repeats 3 --seed 7
-    python benchmarks/limit_probability.py --optimise 20           then differential evolution from the last level
+    python benchmarks/limits.py                                    each law once, levels down to 1e-7
+    python benchmarks/limits.py --laws lugre --repeats 3 --seed 7
+    python benchmarks/limits.py --reduced                          levels of 20 plays
 
-What `limit_checks` draws is a function of standard normal coordinates here: machine, friction, controller, dead times,
-encoder, steps per sample, excitation, ramps. Subset simulation climbs to the plays that ask for most (`limit_truth`) of
-what the check lets pass. Limits and stops are not drawn but the worst: limits are the least that are not refused, and
-a play is stopped at 128 moments, of which each is as likely as any other. An exceedance is thus at least as probable as
-where these are drawn. The ratio of a play is the greatest that it asks for, over what the check keeps within limits:
-the margin `m` is exceeded above (1 + m)/(1 - m), 1.105 for 5 %, whatever the limits.
+Machine, friction, controller, dead times, encoder, steps per sample and excitation are functions of standard normal
+coordinates: sines, multisines and rectangles with their ramps. What `fraexp measure` and `fraexp excite` decide by
+(`plan_points`, `check_points`) refuses each or lets it pass. What passes is simulated by `limit_truth`, and subset
+simulation climbs to the plays that ask for most. Limits and stops are not drawn but the worst: limits are the least
+that are not refused, and a play is stopped at 128 moments, each as likely as any other. An exceedance is thus at least
+as probable as where these are drawn. The ratio of a play is the greatest that it asks for, over what the check keeps
+within limits: the margin m is exceeded above (1 + m)/(1 - m), 1.105 for 5 %.
 """
 
-import argparse
-import os
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import numpy as np
-from drawn_machines import REGISTRY, DrawnMachine, stable_machine_or_none
-from limit_checks import (
-    NOISE_SAMPLES,
-    SAMPLE_TIMES,
-    draw_experiment,
-    draw_ramp_out,
-    draw_sections,
-    with_whole_steps,
-)
-from limit_truth import DEMANDS, LANES, FineEncoder, FinePlay, simulate_plays
+from drawn_machines import DrawnMachine, stable_machine_or_none
+from harness import Bench, run
+from limit_truth import DEMANDS, LANES, STEPS, FineEncoder, FinePlay, simulate_plays
 from numpy.typing import NDArray
-from scipy.optimize import differential_evolution
+from paper_machine import REGISTRY
+from reference_loop import FINE_CLOCK
 from scipy.special import ndtr
 from subset_simulation import Level, climb, exceedance
 
+from fraexp.components.measurement_settings import MIN_RAMP_OUT_S, ramp_out_samples
+from fraexp.components.periods import Period, Schedule
 from fraexp.errors import MachineError
-from fraexp.measurement.measurement_plan import NEAR_RATIO, PlannedPoint, plan_points, planning_setup
+from fraexp.measurement.measurement_plan import (
+    NEAR_RATIO,
+    PlannedPoint,
+    plan_points,
+    planning_setup,
+)
 from fraexp.measurement.play_demands import simulate_demands
-from fraexp.simulation.experiments import Setup
+from fraexp.simulation.experiments import Experiment, Setup
 from fraexp.simulation.machine import Machine, build_machine
 
+SAMPLE_TIMES = (1e-3, 2e-3)
+NOISE_SAMPLES = 1 << 16
+MAX_PERIOD = 200
 WEIGHTS = {"rolling": 2 / 6, "lugre": 1 / 6, "coulomb": 1 / 6, "dahl": 1 / 6, "none": 1 / 6}
 """Laws, and how often each is drawn."""
 ENCODER, MACHINE, PLAY = 8, 140, 72
@@ -51,9 +52,62 @@ IS_MACHINE = np.arange(MACHINE + PLAY) < MACHINE
 MOVES = np.array([np.ones(MACHINE + PLAY, dtype=bool), IS_MACHINE, ~IS_MACHINE, ~IS_MACHINE])
 """What a move changes: everything, the machine, or the play, which is the least expensive."""
 MARGIN = 0.05
-"""The least of the margins that `limit_checks` draws."""
+"""The margin that is judged."""
 RARE = 1e-7
 """Probability at which no more levels are added."""
+
+
+def draw_sections(random: np.random.Generator, machine: DrawnMachine) -> dict[str, object]:
+    """Return a machine's study, with an encoder and a tolerance of the simulation."""
+    sections = machine.sections()
+    sections["loop"].update(
+        resolution=10 ** random.uniform(-9, -6.5) * int(random.integers(2)),
+        noise=10 ** random.uniform(-9, -7) * int(random.integers(2)),
+        seed=int(random.integers(1000)),
+    )
+    sections["numerics"] = {"tolerance": 10 ** random.uniform(-4, -1)}
+    return sections
+
+
+def with_whole_steps(machine: DrawnMachine) -> DrawnMachine:
+    """Return a machine whose dead times are whole steps of the fast simulation."""
+    grain, own = FINE_CLOCK // STEPS, machine.reference
+    return replace(machine, reference=replace(own, dead_times=tuple(n // grain * grain for n in own.dead_times)))
+
+
+def draw_wave(random: np.random.Generator) -> Period:
+    """Return a period of unit amplitude."""
+    samples = int(np.exp(random.uniform(np.log(4), np.log(MAX_PERIOD))))
+    phase = 2 * np.pi * np.arange(samples) / samples
+    kind = random.integers(3)
+    if kind == 0:
+        wave = np.sin(phase)
+    elif kind == 1:
+        wave = np.where(np.arange(samples) < random.integers(1, samples), 1.0, -1.0)
+        wave -= wave.mean()
+    else:
+        lines = np.arange(1, 1 + random.integers(1, max(samples // 4, 2)))
+        wave = np.cos(np.outer(phase, lines) + random.uniform(0, 2 * np.pi, lines.size)).sum(axis=1)
+    wave /= np.abs(wave).max()
+    return Period(wave, np.flatnonzero(np.abs(np.fft.rfft(wave)) > 1e-9))
+
+
+def draw_experiment(random: np.random.Generator, machine: DrawnMachine, setup: Setup, number: int) -> Experiment:
+    """Return an excitation, from a tenth to ten times the force of friction, and how it is settled and recorded."""
+    wave = draw_wave(random)
+    force = machine.amplitude / machine.relative_amplitude * 10 ** random.uniform(-1, 1)
+    schedule = Schedule(
+        ramp=float(random.choice([0.0, 0.01, 0.05, 0.2])),
+        settling_tolerance=10 ** random.uniform(-4, -2),
+        settling_timeout=0.3,
+        recorded_periods=int(random.integers(1, 4)),
+    )
+    return Experiment(setup, replace(wave, waveform=force * wave.waveform), schedule, number)
+
+
+def draw_ramp_out(random: np.random.Generator, setup: Setup) -> int:
+    """Return the samples in which an excitation falls to 0."""
+    return ramp_out_samples(random.choice([MIN_RAMP_OUT_S, 0.02, 0.05]), setup.sample_time)
 
 
 class CoordinateRandom:
@@ -182,49 +236,22 @@ def climb_law(law: str, seed: int, size: int) -> list[Level]:
     return levels
 
 
-def optimise(law: str, level: Level, generations: int, seed: int) -> PlayRatio | None:
-    """Return the worst play that differential evolution finds from the last level on."""
-    found = differential_evolution(
-        lambda x: -np.nan_to_num(score(law, x)),
-        [(-6.0, 6.0)] * level.samples.shape[1],
-        init=np.clip(level.samples, -6, 6),
-        maxiter=generations,
-        mutation=(0.2, 0.6),
-        recombination=0.2,
-        polish=False,
-        tol=0,
-        rng=seed,
-    )
-    return play_ratio(law, found.x)
-
-
-def main() -> None:
-    """Print the probabilities of each law and repeat, and of all laws together; fail if a margin is exceeded."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--laws", nargs="+", choices=list(WEIGHTS), default=list(WEIGHTS))
-    parser.add_argument("--size", type=int, default=200)
-    parser.add_argument("--repeats", type=int, default=1)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--optimise", type=int, default=0, help="generations of differential evolution")
-    options, _ = parser.parse_known_args()
+def search(bench: Bench) -> None:
+    """Probabilities that a limit is exceeded, and that it is by more than the margin."""
     at_limit, beyond = 1 / (1 - MARGIN), (1 + MARGIN) / (1 - MARGIN)
-    total = 0.0
-    for law in options.laws:
-        for seed in range(options.seed, options.seed + options.repeats):
-            levels = climb_law(law, seed, options.size)
+    size, repeats, total = bench.options.size, bench.options.repeats, 0.0
+    for law in bench.options.laws:
+        for seed in range(bench.seed, bench.seed + repeats):
+            levels = climb_law(law, seed, size)
             probability = exceedance(levels, beyond)
-            total += WEIGHTS[law] * probability / options.repeats
-            print(
-                f"{law}, seed {seed}: a limit is exceeded with {exceedance(levels, at_limit):.2g}, by more than the "
-                f"margin of {MARGIN:.0%} with {probability:.2g}; last level above {levels[-1].threshold:.4f} with "
-                f"{levels[-1].probability:.2g}",
-                flush=True,
-            )
-            if options.optimise:
-                print(f"{law}: optimised {optimise(law, levels[-1], options.optimise, seed)}", flush=True)
-    print(f"all laws drawn: by more than the margin with {total:.2g}")
-    raise SystemExit(total > RARE)
+            total += WEIGHTS[law] * probability / repeats
+            text = f"{exceedance(levels, at_limit):.2g}, by more than the margin of {MARGIN:.0%} {probability:.2g}; "
+            text += f"last level above {levels[-1].threshold:.4f} with {levels[-1].probability:.2g}"
+            bench.row(f"{law}, seed {seed}: a limit is exceeded with", text)
+    bench.bounded("all laws as they are drawn: by more than the margin", total, RARE)
 
 
 if __name__ == "__main__":
-    main()
+    run(
+        __doc__, search, laws=list(WEIGHTS), size=(200, 20), repeats=1
+    )  # fmt: skip
