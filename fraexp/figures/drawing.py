@@ -17,11 +17,10 @@ from fraexp.figures.elements.grouping import CurvePlace, facet_indices
 from fraexp.figures.elements.shown import ShownResult, curve_places
 from fraexp.figures.elements.stamp import check_suffix, stamp_digest
 from fraexp.figures.elements.view import FULL_VIEW, View, break_wrapped_lines, zoom_to_band
-from fraexp.figures.kinds.against_first import difference_info, draw_difference
 from fraexp.figures.kinds.amplitude_map import amplitude_map_info, draw_amplitude_map, response_map_info
-from fraexp.figures.kinds.bode import Reference, bode_info
-from fraexp.figures.kinds.bode_panels import draw_bode_facets
+from fraexp.figures.kinds.bode import Reference, bode_info, draw_bode_facets
 from fraexp.figures.kinds.coherence import coherence_info, draw_coherence
+from fraexp.figures.kinds.difference import difference_info, draw_difference
 from fraexp.figures.kinds.distribution import distribution_info, draw_distribution
 from fraexp.figures.kinds.hysteresis_loops import draw_hysteresis, hysteresis_info, is_hysteresis
 from fraexp.figures.kinds.levels import draw_levels, levels_info

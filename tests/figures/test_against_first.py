@@ -4,8 +4,7 @@ import pytest
 from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.shown import ShownResult
-from fraexp.figures.kinds.against_first import difference_curve, difference_info, draw_difference
-from fraexp.figures.kinds.difference import response_difference
+from fraexp.figures.kinds.difference import difference_curve, difference_info, draw_difference, response_difference
 from tests.figures.conftest import ResponseMaker
 
 GRID = np.array([1.0, 2.0, 4.0, 8.0])

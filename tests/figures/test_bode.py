@@ -12,8 +12,7 @@ from fraexp.figures.elements.bands import isolated_points
 from fraexp.figures.elements.frequency_lines import MODEL_LINE_WIDTH
 from fraexp.figures.elements.grouping import CurvePlace
 from fraexp.figures.elements.shown import ShownResult
-from fraexp.figures.kinds.bode import bode_info
-from fraexp.figures.kinds.bode_panels import RIGID_BODY_STYLE, draw_bode
+from fraexp.figures.kinds.bode import RIGID_BODY_STYLE, bode_info, draw_bode
 from tests.figures.conftest import ResponseMaker
 
 

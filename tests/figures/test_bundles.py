@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 
 from fraexp.data.results import Curve, FrequencyResponse
-from fraexp.figures.elements.branches import continuous_phases
 from fraexp.figures.elements.bundles import MIN_QUANTILE_CURVES, Bundle, stack_padded
 from fraexp.figures.elements.grouping import CurvePlace
 from fraexp.figures.elements.labels import label_texts
-from fraexp.figures.elements.scales import continuous_phase
-from fraexp.figures.kinds.bode import BodeInfo, bode_info
-from fraexp.figures.kinds.bode_panels import draw_bode
+from fraexp.figures.kinds.bode import BodeInfo, bode_info, draw_bode
 from fraexp.figures.kinds.other_curves import curves_info, draw_curves
 from tests.figures.conftest import ResponseMaker
 
@@ -102,20 +99,6 @@ def test_nothing_settled_can_be_drawn(make_response: ResponseMaker) -> None:
         "5…95 %",
         "not settled",
     ]
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_phases_lie_on_the_branches_of_single_curves(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    anchor = np.tile(np.cumsum(rng.normal(0, 60, 20)), (50, 1))
-    phase = (anchor + rng.normal(0, 80, anchor.shape) + 180) % 360 - 180
-    phase[rng.random(phase.shape) < 0.05] = np.nan
-    trusted = rng.random(phase.shape) < 0.8
-    trusted[0] = False
-    expected = [continuous_phase(*row) for row in zip(phase, trusted, anchor, strict=True)]
-    np.testing.assert_allclose(continuous_phases(phase, trusted, anchor), expected)
-    expected = [continuous_phase(*row) for row in zip(phase, trusted, strict=True)]
-    np.testing.assert_allclose(continuous_phases(phase, trusted), expected)
 
 
 def test_other_curves_are_bundled_too() -> None:

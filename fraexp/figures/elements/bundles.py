@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.figures.elements.bands import DrawnBand, draw_bands
+from fraexp.figures.elements.canvas import OKABE_ITO
 from fraexp.figures.elements.labels import drawable
 
 if TYPE_CHECKING:
@@ -82,8 +83,6 @@ def draw_bundles(
 
     The lines under a band are drawn only if it is alone: those of several would tangle.
     """
-    from fraexp.figures.elements.canvas import OKABE_ITO
-
     names = dict.fromkeys(bundle.label for bundle in bundles)
     chosen = [(colours or dict(zip(names, cycle(OKABE_ITO), strict=False)))[bundle.label] for bundle in bundles]
     quantiles = [bundle.quantiles for bundle in bundles]

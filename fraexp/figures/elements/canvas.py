@@ -1,21 +1,21 @@
 """The style of all figures: fonts, colours that the colour-blind can distinguish, axes and legends."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from itertools import cycle, islice
 from textwrap import wrap
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, MultipleLocator, NullFormatter
 
 from fraexp.figures.elements.labels import drawable
 from fraexp.figures.elements.line_style import LineStyle
+
+if TYPE_CHECKING:  # imported when something is drawn: it takes a second
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
 
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette (2008), without its yellow, which is too light for a line."""
@@ -58,20 +58,15 @@ RC_PARAMS: Any = {  # matplotlib lists each key with a type of its own
 @contextmanager
 def figure_style() -> Iterator[None]:
     """Draw with this style, independent of the user's matplotlibrc."""
+    import matplotlib
+
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(RC_PARAMS)
         yield
 
 
-class NotebookFigure(Figure):
-    """A figure that a notebook shows in its cell, without pyplot."""
-
-    def _repr_png_(self) -> bytes:
-        return png_bytes(self)
-
-
-def png_bytes(figure: Figure) -> bytes:
+def png_bytes(figure: "Figure") -> bytes:
     """Return a figure as PNG in this style."""
     stream = BytesIO()
     with figure_style():
@@ -79,14 +74,18 @@ def png_bytes(figure: Figure) -> bytes:
     return stream.getvalue()
 
 
-def new_figure(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float) -> "Figure":
     """Return an empty figure of a size [inch], with its own canvas and without global state."""
-    figure = NotebookFigure(figsize=(width, height), layout="constrained")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
+    setattr(figure, "_repr_png_", lambda: png_bytes(figure))  # noqa: B010 - a notebook shows it in its cell
     return figure
 
 
-def wrapped_title(figure: Figure, title: str) -> str:
+def wrapped_title(figure: "Figure", title: str) -> str:
     """Return a title in as many lines as the figure's width needs."""
     return "\n".join(
         wrap(drawable(title), int(TITLE_CHARACTERS_PER_INCH * (figure.get_figwidth() - TITLE_MARGIN_INCH)))
@@ -98,6 +97,8 @@ def line_styles(count: int) -> list[LineStyle]:
 
     Later curves are thinner, so that the rim of a hidden curve remains visible.
     """
+    import matplotlib
+
     widths = [max(2.8 - 0.25 * index, 1.6) for index in range(count)]
     if count <= len(OKABE_ITO):
         colours = list(OKABE_ITO[:count])
@@ -119,8 +120,10 @@ def named_styles(count: int) -> list[LineStyle]:
     ]
 
 
-def set_log_abscissa(axes: Axes, span: tuple[float, float]) -> None:
+def set_log_abscissa(axes: "Axes", span: tuple[float, float]) -> None:
     """Make x a logarithmic axis over `span`, labelled with plain numbers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     axes.set_xscale("log")
     low, high = span
     margin = 1.01 if high > low else 2.0  # a little, so that 199.9 Hz still gets its tick at 200
@@ -132,16 +135,20 @@ def set_log_abscissa(axes: Axes, span: tuple[float, float]) -> None:
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
-def set_phase_ticks(axes: Axes) -> None:
+def set_phase_ticks(axes: "Axes") -> None:
     """Set the ticks of a phase to fractions of a turn."""
+    from matplotlib.ticker import MultipleLocator
+
     low, high = axes.get_ylim()
     step = next((step for step in (5, 15, 45, 90, 180) if (high - low) / step <= 7), 360)
     axes.yaxis.set_major_locator(MultipleLocator(step))
     axes.yaxis.set_minor_locator(MultipleLocator(step / 3 if step in (15, 45, 90) else step / 5))
 
 
-def set_decade_ticks(axes: Axes) -> None:
+def set_decade_ticks(axes: "Axes") -> None:
     """Label a logarithmic y axis with plain numbers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
     low, high = axes.get_ylim()
     steps = LogLocator(base=10, subs=(1, 2, 5) if high / low < 1500 else (1,), numticks=50)
     axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]) if high / low < NARROW_RATIO else steps)
@@ -150,8 +157,10 @@ def set_decade_ticks(axes: Axes) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
-def set_error_axis(axes: Axes, fine: float) -> None:
+def set_error_axis(axes: "Axes", fine: float) -> None:
     """Make y an axis of errors: linear up to ±`fine`, logarithmic with both signs beyond, with plain numbers."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
+
     axes.set_yscale("symlog", linthresh=fine, linscale=0.6)
     decades = fine * 10.0 ** np.arange(6)
     axes.yaxis.set_major_locator(FixedLocator([*-decades[::-1], 0.0, *decades]))
@@ -161,7 +170,7 @@ def set_error_axis(axes: Axes, fine: float) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
-def error_axis_title(axes: Axes, name: str, unit: str) -> str:
+def error_axis_title(axes: "Axes", name: str, unit: str) -> str:
     """Return the title of an axis of errors, which declares its scale if that is not linear all over."""
     if axes.get_yscale() != "symlog":
         return f"{name} [{unit}]"
@@ -169,8 +178,10 @@ def error_axis_title(axes: Axes, name: str, unit: str) -> str:
     return f"{name} [{unit}]\n(logarithmic beyond ±{linear:g} {unit})"
 
 
-def draw_grid(*panels: Axes) -> None:
+def draw_grid(*panels: "Axes") -> None:
     """Draw a faint grid under the data, with minor lines between the ticks."""
+    from matplotlib.ticker import MaxNLocator
+
     for axes in panels:
         if isinstance(axes.yaxis.get_major_locator(), MaxNLocator):
             axes.minorticks_on()
@@ -180,7 +191,7 @@ def draw_grid(*panels: Axes) -> None:
         axes.tick_params(which="minor", length=0)
 
 
-def add_legend_below(figure: Figure, *panels: Axes) -> None:
+def add_legend_below(figure: "Figure", *panels: "Axes") -> None:
     """Put the legend of the panels' curves below all panels, where it covers nothing."""
     found: dict[str, Any] = {}  # a name that several panels have stands once
     for axes in panels:
@@ -195,3 +206,47 @@ def add_legend_below(figure: Figure, *panels: Axes) -> None:
     figure.set_figheight(figure.get_figheight() + LEGEND_ROW_INCH * (rows - 1))
     columns = -(-len(labels) // rows)
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, handlelength=3.4, columnspacing=1.8)
+
+
+BAR_WIDTH_INCH = 0.2
+USED_RANGE = 0.92
+"""Part of the colours that is used: the end of the map is too light for a line."""
+
+
+def amount_colours(amounts: Sequence[float]) -> list[str]:
+    """Return the colour of each amount, which the colour-blind can distinguish; larger ones are lighter."""
+    import matplotlib
+    from matplotlib.colors import to_hex
+
+    norm, shades = _norm(amounts), matplotlib.colormaps["cividis"]
+    return [to_hex(shades(USED_RANGE * float(norm(of)))) for of in amounts]
+
+
+def add_amount_scale(figure: "Figure", panels: Sequence["Axes"], amounts: Sequence[float], title: str) -> None:
+    """Put the scale of colours at the right of the panels."""
+    import matplotlib
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import ListedColormap, LogNorm
+    from matplotlib.ticker import FuncFormatter, LogLocator
+
+    norm = _norm(amounts)
+    shades = ListedColormap(matplotlib.colormaps["cividis"](np.linspace(0, USED_RANGE, 256)))
+    plain = FuncFormatter(lambda of, _: f"{of:g}")
+    bar = figure.colorbar(
+        ScalarMappable(norm, shades),
+        ax=list(panels),
+        pad=0.02,
+        aspect=figure.get_figheight() / BAR_WIDTH_INCH,
+        format=plain,
+    )
+    if isinstance(norm, LogNorm):
+        bar.locator = LogLocator(subs=(1, 2, 5))
+    bar.minorticks_off()
+    bar.set_label(title)
+
+
+def _norm(amounts: Sequence[float]) -> "Normalize":
+    from matplotlib.colors import LogNorm, Normalize
+
+    low, high = min(amounts), max(amounts)
+    return LogNorm(low, high) if high >= 10 * low else Normalize(low, high)

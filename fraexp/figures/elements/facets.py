@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from fraexp.errors import FraexpError
+from fraexp.figures.elements import canvas
 from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
+from fraexp.figures.elements.canvas import amount_colours
 from fraexp.figures.elements.grouping import MAX_FACETS, CurvePlace, facet_indices
 from fraexp.figures.elements.labels import drawable
 from fraexp.figures.elements.line_style import LineStyle
@@ -45,9 +47,6 @@ def panel_places(places: Sequence[CurvePlace], kind: str) -> list[CurvePlace]:
 
 def group_styles(places: Sequence[CurvePlace]) -> dict[str, LineStyle]:
     """Return the line style of each group, which all facets share; amounts of many values are a scale of colours."""
-    from fraexp.figures.elements import canvas
-    from fraexp.figures.elements.amount_scale import amount_colours
-
     names = list(dict.fromkeys(of.group for of in places))
     if any(of.is_mapped for of in places):
         colours = amount_colours([of.row for of in places])
@@ -115,7 +114,7 @@ class FacetPanels:
     def add_legend(self, places: Sequence[CurvePlace]) -> None:
         """Add the legend below, or the scale of colours of amounts at the right."""
         from fraexp.figures.elements import canvas
-        from fraexp.figures.elements.amount_scale import add_amount_scale
+        from fraexp.figures.elements.canvas import add_amount_scale
 
         axis = next((of.axis for of in places if of.is_mapped), "")
         if axis:
@@ -148,8 +147,6 @@ def facet_panels(
     shared, all facets share theirs. `below` and `beside` are, for each panel of a facet, the index of that whose axis
     it shares, by default the first and itself.
     """
-    from fraexp.figures.elements import canvas
-
     count, parts = len(names), len(heights)
     columns = 2 if count == 4 else min(count, MAX_COLUMNS)
     rows = -(-count // columns)

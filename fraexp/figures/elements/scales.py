@@ -72,37 +72,38 @@ def degrees(response: NDArray[np.complex128]) -> NDArray[np.float64]:
 def continuous_phase(
     phase: NDArray[np.float64], trusted: NDArray[np.bool_], anchor: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    """Return the phase [deg] without jumps by 360°, shape (n,), on the branch that lies nearest to `anchor`.
+    """Return phases [deg] without jumps by 360°, shape (n,) or (m, n): each row on the branch nearest to `anchor`.
 
-    Only `trusted` points, shape (n,), continue the branch; the others follow it. Without an anchor [deg], shape (n,),
-    the branch is the one whose median lies above -270° and up to 90°.
+    Only `trusted` points continue the branch; the others follow it. Without an anchor [deg], of the shape of the
+    phase, the branch is the one whose median lies above -270° and up to 90°.
     """
-    trusted = trusted & np.isfinite(phase)
+    rows = np.atleast_2d(phase)
+    known = np.atleast_2d(trusted) & np.isfinite(rows)
     if anchor is None:
-        chained = _chain_phases(phase, trusted, None, 0.0)
-        middle = float(np.median(chained[trusted])) if trusted.any() else 0.0
-        usual: NDArray[np.float64] = chained - 360 * np.ceil((middle - 90) / 360)
-        return usual
-    starts = (anchor[0] - 360, anchor[0], anchor[0] + 360)
-    candidates = [_chain_phases(phase, trusted, anchor, start) for start in starts]
-    return min(candidates, key=lambda candidate: _mean_distance(candidate, anchor, trusted))
+        chained = _chain_phases(rows, known, None, np.zeros(len(rows)))
+        middle = [np.median(row[seen]) if seen.any() else 0.0 for row, seen in zip(chained, known, strict=True)]
+        return (chained - 360 * np.ceil((np.array(middle) - 90) / 360)[:, None]).reshape(phase.shape)
+    target = np.atleast_2d(anchor)
+    candidates = np.stack([_chain_phases(rows, known, target, target[:, 0] + turn) for turn in (-360, 0, 360)])
+    distances = np.where(known, np.abs(candidates - target), 0).sum(axis=2)
+    nearest: NDArray[np.float64] = candidates[np.argmin(distances, axis=0), np.arange(len(rows))]
+    return nearest.reshape(phase.shape)
 
 
 def _chain_phases(
-    phase: NDArray[np.float64], trusted: NDArray[np.bool_], anchor: NDArray[np.float64] | None, start: float
+    phase: NDArray[np.float64],
+    known: NDArray[np.bool_],
+    anchor: NDArray[np.float64] | None,
+    start: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    chained = np.full(phase.shape, np.nan)
-    previous = start
-    for index in np.flatnonzero(np.isfinite(phase)):
-        turns = phase[index] + 360 * (np.round((previous - phase[index]) / 360) + np.arange(-1, 2))
+    """Return phases of shape (m, n), each within half a turn of the one before, from `start`, shape (m,), on."""
+    chained, previous = np.full(phase.shape, np.nan), start
+    for column in range(phase.shape[1]):
+        here = phase[:, column]
+        turns = here + 360 * (np.round((previous - here) / 360) + np.arange(-1, 2)[:, None])
         cost = np.abs(turns - previous)
         if anchor is not None:
-            cost = cost + ANCHOR_WEIGHT * np.abs(turns - anchor[index])
-        chained[index] = turns[np.argmin(cost)]
-        if trusted[index]:
-            previous = chained[index]
+            cost = cost + ANCHOR_WEIGHT * np.abs(turns - anchor[:, column])
+        chained[:, column] = turns[np.argmin(cost, axis=0), np.arange(len(here))]
+        previous = np.where(known[:, column], chained[:, column], previous)
     return chained
-
-
-def _mean_distance(phase: NDArray[np.float64], anchor: NDArray[np.float64], trusted: NDArray[np.bool_]) -> float:
-    return float(np.mean(np.abs(phase - anchor)[trusted])) if trusted.any() else 0.0

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.errors import FraexpError
+from fraexp.figures.elements import canvas
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -86,8 +87,6 @@ def _is_phase_axis(axes: "Axes") -> bool:
 
 def zoom_to_band(figure: "Figure", band: tuple[float, float]) -> None:
     """Show a frequency range [Hz] of the panels, each as high as the visible part of its lines."""
-    from fraexp.figures.elements import canvas
-
     for axes in figure.axes:
         if axes.get_xscale() == "log":
             canvas.set_log_abscissa(axes, band)

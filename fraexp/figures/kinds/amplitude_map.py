@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.errors import FraexpError
+from fraexp.figures.elements import canvas
 from fraexp.figures.elements.labels import drawable
 from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.scales import continuous_phase, decibel, degrees, readable_unit
@@ -178,8 +179,6 @@ def _interpolated_row(
 
 def draw_amplitude_map(info: AmplitudeMapInfo) -> "Figure":
     """Draw magnitude above phase for each map; unsettled cells are hatched."""
-    from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
-
     count = len(info.maps)
     with canvas.figure_style():
         names = max(map(len, info.row_names), default=0)

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from fraexp.data.results import FrequencyResponse
 from fraexp.errors import FraexpError
+from fraexp.figures.elements import canvas
 from fraexp.figures.elements.facets import by_facet, facet_panels, group_styles
-from fraexp.figures.elements.grouped_lines import GroupedLine, draw_grouped_lines
+from fraexp.figures.elements.frequency_lines import GroupedLine, draw_grouped_lines
 from fraexp.figures.elements.grouping import CurvePlace
 from fraexp.figures.elements.shown import ShownResult, curve_places
 
@@ -93,8 +94,6 @@ AXIS_TITLES = {"coherence": "Squared coherence [1]", "distortion": "Harmonic dis
 
 def draw_coherence(info: CoherenceInfo) -> "Figure":
     """Draw the coherence and distortion that are known over frequency."""
-    from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
-
     places = [curve.place for curve in info.curves]
     count = len(info.parts)
     with canvas.figure_style():
@@ -121,8 +120,6 @@ def _line(curve: CoherenceCurve, part: str) -> GroupedLine:
 
 
 def _set_axis(axes: "Axes", part: str, is_logarithmic: bool) -> None:
-    from fraexp.figures.elements import canvas
-
     if part == "coherence":
         axes.set_ylim(0, 1.05)
     elif is_logarithmic:

@@ -1,12 +1,30 @@
 """Difference of two frequency responses, in dB and degrees."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.analysis.confidence import confidence_limits
 from fraexp.data.results import FrequencyResponse
-from fraexp.figures.elements.scales import decibel, degrees
+from fraexp.errors import FraexpError
+from fraexp.figures.elements import canvas
+from fraexp.figures.elements.facets import by_facet, facet_panels, group_styles
+from fraexp.figures.elements.grouping import OWN_PLACE, CurvePlace
+from fraexp.figures.elements.scales import continuous_phase, decibel, degree_limits, degrees
+from fraexp.figures.elements.shown import ShownResult, curve_places
+from fraexp.figures.kinds.plant_errors import ErrorCurve, draw_error_parts
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+FREQUENCY_TOLERANCE = 1e-9
+"""Relative distance up to which two frequencies are the same."""
+DB_PER_NEPER = 20 / np.log(10)
+"""Decibels in a neper."""
 
 
 @dataclass(frozen=True)
@@ -35,30 +53,48 @@ class Difference:
     """Root mean square of the difference of the phases [deg]."""
 
 
+class _CommonPoints(NamedTuple):
+    """The ratio of a response to a reference at the usable frequencies of that; n of them."""
+
+    frequency: NDArray[np.float64]
+    """Ascending frequency [Hz], shape (n,)."""
+    chosen: NDArray[np.intp]
+    """Index of each in the reference, shape (n,)."""
+    ratio: NDArray[np.complex128]
+    """Shape (n,)."""
+    order: NDArray[np.intp]
+    """Indices of the other response in ascending frequency."""
+    usable: NDArray[np.bool_]
+    """Whether each of these is settled and known."""
+
+
+def _common_points(reference: FrequencyResponse, other: FrequencyResponse) -> _CommonPoints | None:
+    """Return the ratio of `other` to `reference`, which is interpolated where the grids differ; None without one."""
+    chosen, order = np.argsort(reference.frequency, kind="stable"), np.argsort(other.frequency, kind="stable")
+    chosen, usable = chosen[_usable(reference)[chosen]], _usable(other)[order]
+    theirs, frequency = other.frequency[order][usable], reference.frequency[chosen]
+    if len(theirs):
+        low, high = theirs[0] * (1 - FREQUENCY_TOLERANCE), theirs[-1] * (1 + FREQUENCY_TOLERANCE)
+        inside = (low <= frequency) & (frequency <= high)
+        frequency, chosen = frequency[inside], chosen[inside]
+    if not len(theirs) or not len(frequency):
+        return None
+    found = on_frequencies(frequency, theirs, other.response[order][usable])
+    return _CommonPoints(frequency, chosen, found / reference.response[chosen], order, usable)
+
+
 def response_difference(reference: FrequencyResponse, other: FrequencyResponse) -> Difference | None:
     """Return the difference of `other` from `reference`; None without a common frequency or unit.
 
     Where the grids differ, `other` is interpolated: ln|G| and the unwrapped phase, linear in log frequency.
     """
-    frequency, expected = _settled_points(reference)
-    theirs, found = _settled_points(other)
-    if reference.unit != other.unit or not len(frequency) or not len(theirs):
+    common = _common_points(reference, other) if reference.unit == other.unit else None
+    if common is None:
         return None
-    slack = 1e-9
-    inside = (frequency >= theirs[0] * (1 - slack)) & (frequency <= theirs[-1] * (1 + slack))
-    frequency, expected = frequency[inside], expected[inside]
-    if not len(frequency):
-        return None
-    nearest = theirs[np.argmin(np.abs(theirs[None, :] - frequency[:, None]), axis=1)]
-    ratio = on_frequencies(frequency, theirs, found) / expected
-    interpolated = bool(np.any(np.abs(nearest - frequency) > slack * frequency))
-    return _summary(frequency, decibel(ratio), degrees(ratio), interpolated)
-
-
-def _settled_points(response: FrequencyResponse) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    usable = response.settled & np.isfinite(response.response) & (response.response != 0)
-    order = np.argsort(response.frequency[usable], kind="stable")
-    return response.frequency[usable][order], response.response[usable][order]
+    theirs, frequency = other.frequency[common.order][common.usable], common.frequency
+    distance = np.abs(theirs[_nearest_index(frequency, theirs)] - frequency)
+    interpolated = bool(np.any(distance > FREQUENCY_TOLERANCE * frequency))
+    return _summary(frequency, decibel(common.ratio), degrees(common.ratio), interpolated)
 
 
 def on_frequencies(
@@ -86,3 +122,133 @@ def _summary(
         phase_max_at=float(frequency[furthest]),
         phase_rms=float(np.sqrt(np.mean(phase**2))),
     )
+
+
+@dataclass(frozen=True)
+class DifferenceInfo:
+    """Contents of a figure of differences."""
+
+    curves: tuple[ErrorCurve, ...]
+    """Ratio of each other response to the first one; it is settled where both are."""
+    reference: str
+    """Name of the first response."""
+    left_out: tuple[str, ...]
+    """Names of responses without a common frequency."""
+    title: str
+    place: CurvePlace = OWN_PLACE
+    """Where the first response belongs, which keeps its colour for itself."""
+
+
+def difference_info(shown: Sequence[ShownResult], title: str = "") -> DifferenceInfo:
+    """Return the differences of all responses from the first one; FraexpError if none can be compared with it."""
+    found = [(of, of.response) for of in shown if of.response is not None]
+    if len(found) < 2:
+        raise FraexpError(f"difference: found {len(found)} responses; choose at least two sweeps with a response")
+    if len({response.unit for _, response in found}) > 1:
+        raise FraexpError("difference: found responses in several units; choose sweeps that share one")
+    first, reference = found[0]
+    places = curve_places([of for of, _ in found])
+    curves = [
+        (of.label, difference_curve(of.label, reference, response, of.key, place))
+        for (of, response), place in zip(found[1:], places[1:], strict=True)
+    ]
+    known = tuple(curve for _, curve in curves if curve is not None)
+    if not known:
+        raise FraexpError(f"difference: no other response shares settled frequencies with the first, {first.label}")
+    left_out = tuple(label for label, curve in curves if curve is None)
+    return DifferenceInfo(known, first.label, left_out, title or f"Difference from {first.label}", places[0])
+
+
+def difference_curve(
+    label: str,
+    reference: FrequencyResponse,
+    other: FrequencyResponse,
+    key: str = "",
+    place: CurvePlace | None = None,
+) -> ErrorCurve | None:
+    """Return the difference of `other` from `reference` at the settled frequencies; None if they share none.
+
+    Where the grids differ `other` is interpolated, ln|G| and the unwrapped phase linear in log frequency; a point
+    between two of its frequencies counts as settled only if both are. The 95 % limits are those of
+    independent estimates.
+    """
+    common = _common_points(reference, other)
+    if common is None:
+        return None
+    frequency, chosen, ratio, order, usable = common
+    settled = _is_between_usable(frequency, other.frequency[order], usable)
+    magnitude, phase = decibel(ratio), continuous_phase(degrees(ratio), settled, np.zeros(len(frequency)))
+    nearest = order[_nearest_index(frequency, other.frequency[order])]
+    theirs_band, own_band = _log_limits(other, nearest), _log_limits(reference, chosen)
+    spread = [_combined_limits(of, to) for of, to in zip(theirs_band, own_band, strict=True)]
+    return ErrorCurve(
+        label=label,
+        frequency=frequency,
+        magnitude=magnitude,
+        phase=phase,
+        settled=settled,
+        magnitude_band=magnitude + DB_PER_NEPER * spread[0],
+        phase_band=phase + degree_limits(spread[1]),
+        key=key,
+        place=place,
+    )
+
+
+def _usable(response: FrequencyResponse) -> NDArray[np.bool_]:
+    usable: NDArray[np.bool_] = response.settled & np.isfinite(response.response) & (response.response != 0)
+    return usable
+
+
+def _nearest_index(frequency: NDArray[np.float64], grid: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the index of the nearest frequency in an ascending grid, shape (n,)."""
+    right = np.clip(np.searchsorted(grid, frequency), 1, max(len(grid) - 1, 1))
+    left = right - 1
+    right = np.minimum(right, len(grid) - 1)
+    closer: NDArray[np.intp] = np.where(frequency - grid[left] <= grid[right] - frequency, left, right)
+    return closer
+
+
+def _is_between_usable(
+    frequency: NDArray[np.float64], grid: NDArray[np.float64], usable: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return whether each frequency is a usable one of the grid, or lies between two usable ones, shape (n,)."""
+    nearest = _nearest_index(frequency, grid)
+    same = np.abs(grid[nearest] / frequency - 1) <= FREQUENCY_TOLERANCE
+    right = np.clip(np.searchsorted(grid, frequency), 0, len(grid) - 1)
+    sides: NDArray[np.bool_] = np.where(same, usable[nearest], usable[right] & usable[np.maximum(right - 1, 0)])
+    return sides
+
+
+def _log_limits(
+    response: FrequencyResponse, chosen: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the 95 % limits of ln|G| and of the phase [rad], each of shape (2, n)."""
+    size, turn = (each[:, chosen] for each in confidence_limits(response))
+    with np.errstate(divide="ignore"):
+        return np.log(np.maximum(size, 0)), turn
+
+
+def _combined_limits(of: NDArray[np.float64], to: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the limits of a difference from those of its independent parts, shape (2, n)."""
+    return np.stack([-np.hypot(of[0], to[1]), np.hypot(of[1], to[0])])
+
+
+def draw_difference(info: DifferenceInfo) -> "Figure":
+    """Draw the differences of magnitude and phase over frequency."""
+    places = [curve.place or CurvePlace(group=curve.label, point=curve.label) for curve in info.curves]
+    with canvas.figure_style():
+        facets = by_facet(list(zip(info.curves, places, strict=True)), places)
+        panels = facet_panels(list(facets), (9.0, 6.2), (1.0, 1.0), facet_height=5.0)
+        styles = group_styles([info.place, *places])
+        draw_error_parts(list(panels.facets.values()), list(facets.values()), styles)
+        upper, lower = panels.first
+        frequency = np.concatenate([curve.frequency for curve in info.curves])
+        canvas.set_log_abscissa(lower, (float(frequency.min()), float(frequency.max())))
+        canvas.draw_grid(*panels.all)
+        y_titles = (
+            canvas.error_axis_title(upper, "Magnitude difference", "dB"),
+            canvas.error_axis_title(lower, "Phase difference", "deg"),
+        )
+        panels.label(info.title, ["Frequency [Hz]"], y_titles)
+        panels.add_legend(places)
+    return panels.figure

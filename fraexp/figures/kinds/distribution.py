@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fraexp.data.results import EFFORT
 from fraexp.errors import FraexpError
+from fraexp.figures.elements import canvas
 from fraexp.figures.elements.labels import MAX_GROUPS, drawable
 from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.scales import DISPLACEMENT_UNITS
@@ -141,8 +142,6 @@ def _readable_unit(unit: str, greatest: float) -> tuple[float, str]:
 
 def draw_distribution(info: DistributionInfo) -> "Figure":
     """Draw the distribution function of each metric above a table of quantiles and worst draws."""
-    from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
-
     count = len(info.panels)
     columns, rows = (1, 1) if count == 1 else (2, -(-count // 2))
     with canvas.figure_style():

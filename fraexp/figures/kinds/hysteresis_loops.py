@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
+from fraexp.figures.elements import canvas
 from fraexp.figures.elements.facets import by_facet, facet_panels, group_styles
-from fraexp.figures.elements.frequency_lines import add_band_legend, curve_limits
-from fraexp.figures.elements.grouped_lines import GroupedLine, draw_grouped_lines
+from fraexp.figures.elements.frequency_lines import GroupedLine, add_band_legend, curve_limits, draw_grouped_lines
 from fraexp.figures.elements.grouping import CurvePlace
 from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.scales import DISPLACEMENT_UNITS, FORCE_NAMES, displacement_unit
@@ -129,8 +129,6 @@ def _hysteresis_panels(title: str, curves: Sequence[PlacedCurve]) -> list[Hyster
 
 def draw_hysteresis(info: HysteresisInfo) -> "Figure":
     """Draw hysteresis loops, small and large strokes, and facets, side by side."""
-    from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
-
     places = [loop.place for panel in info.panels for loop in panel.loops]
     with canvas.figure_style():
         titles = [panel.title for panel in info.panels]

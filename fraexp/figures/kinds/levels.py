@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fraexp.data.results import PARITIES, FrequencyResponse, Result
 from fraexp.errors import FraexpError
+from fraexp.figures.elements import canvas
 from fraexp.figures.elements.frequency_lines import draw_line
 from fraexp.figures.elements.labels import drawable
 from fraexp.figures.elements.scales import decibel, readable_unit
@@ -103,8 +104,6 @@ def _standard_deviation(variance: NDArray[np.float64] | None) -> NDArray[np.floa
 
 def draw_levels(info: LevelsInfo) -> "Figure":
     """Draw a panel for each response; all share their axes."""
-    from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
-
     count = len(info.panels)
     columns = min(count, MAX_COLUMNS if count != 4 else 2)
     rows = -(-count // columns)
@@ -137,8 +136,6 @@ def draw_levels(info: LevelsInfo) -> "Figure":
 
 
 def _draw_panel(axes: "Axes", panel: LevelsPanel) -> None:
-    from fraexp.figures.elements import canvas
-
     styles = canvas.line_styles(len(QUANTITIES) - 1)
     for name, style in zip(QUANTITIES, (*styles[:4], *styles[3:]), strict=True):  # nonlinear, or odd and even
         if name in panel.quantities:

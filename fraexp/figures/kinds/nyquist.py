@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.errors import FraexpError
+from fraexp.figures.elements import canvas
 from fraexp.figures.elements.facets import FACET_WIDTH, by_facet, facet_panels, group_styles
-from fraexp.figures.elements.frequency_lines import draw_line
-from fraexp.figures.elements.grouped_lines import GroupedLine, draw_grouped_lines
+from fraexp.figures.elements.frequency_lines import GroupedLine, draw_grouped_lines, draw_line
 from fraexp.figures.elements.grouping import OWN_PLACE, CurvePlace
 from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.scales import readable_unit
@@ -108,8 +108,6 @@ def _curve(
 
 def draw_nyquist(info: NyquistInfo) -> "Figure":
     """Draw a Nyquist plot with equal axes and frequency marks on the largest curve."""
-    from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
-
     places = [curve.place for curve in info.curves]
     with canvas.figure_style():
         facets = by_facet(info.curves, places)
@@ -136,8 +134,6 @@ def _facet_height(curves: Sequence[NyquistCurve]) -> float:
 def _draw_facet(
     axes: "Axes", curves: Sequence[NyquistCurve], reference: NyquistCurve | None, styles: Mapping[str, LineStyle]
 ) -> None:
-    from fraexp.figures.elements import canvas
-
     lines = [GroupedLine(of.label, of.place, of.real, of.imaginary, of.settled) for of in curves]
     draw_grouped_lines(axes, lines, styles)
     if reference is not None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
+from fraexp.figures.elements import canvas
 from fraexp.figures.elements.bands import DrawnBand, draw_bands
 from fraexp.figures.elements.bundles import Bundle, draw_bundles, stack_padded
 from fraexp.figures.elements.facets import facet_panels, group_styles, is_explained
@@ -278,8 +279,6 @@ def _capitalised(name: str) -> str:
 
 def draw_curves(info: CurvesInfo) -> "Figure":
     """Draw a panel for each ordinate over the abscissa of its family; families follow below each other."""
-    from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
-
     places = [trace.place for family in info.families for panel in family.panels for trace in panel.traces]
     counts = [len(family.panels) for family in info.families]
     with canvas.figure_style():
@@ -330,8 +329,6 @@ def _single_traces(info: CurvesInfo) -> list[CurveTrace]:
 
 def _trace_styles(info: CurvesInfo) -> dict[str, LineStyle]:
     """Return the style of each name, which is the same in all panels."""
-    from fraexp.figures.elements import canvas
-
     places = [trace.place for family in info.families for panel in family.panels for trace in panel.traces]
     if is_explained(places):
         return group_styles(places)
@@ -344,8 +341,6 @@ def _trace_styles(info: CurvesInfo) -> dict[str, LineStyle]:
 
 
 def _draw_family(axes: Sequence["Axes"], family: CurveFamily, styles: dict[str, LineStyle]) -> None:
-    from fraexp.figures.elements import canvas
-
     colours = {name: str(style["color"]) for name, style in styles.items()}
     for index, (of, panel) in enumerate(zip(axes, family.panels, strict=True)):
         of.tick_params(labelbottom=of is axes[-1])

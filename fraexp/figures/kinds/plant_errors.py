@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from fraexp.analysis.confidence import confidence_limits
 from fraexp.data.results import EFFORT, Metric, Result
 from fraexp.errors import FraexpError
+from fraexp.figures.elements import canvas
 from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
 from fraexp.figures.elements.facets import by_facet
-from fraexp.figures.elements.frequency_lines import with_gaps
-from fraexp.figures.elements.grouped_lines import GroupedLine, draw_grouped_lines
+from fraexp.figures.elements.frequency_lines import GroupedLine, draw_grouped_lines, with_gaps
 from fraexp.figures.elements.grouping import CurvePlace, facet_indices
 from fraexp.figures.elements.labels import MAX_GROUPS, drawable
 from fraexp.figures.elements.line_style import LineStyle
@@ -147,8 +147,6 @@ def draw_errors(info: ErrorsInfo) -> "Figure":
 
     Many curves are spread over panels side by side: facets by their places, or else in order.
     """
-    from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
-
     if len(info.curves) > MAX_SINGLE_CURVES:
         raise FraexpError(
             f"errors: found {len(info.curves)} responses; no more than {MAX_SINGLE_CURVES} can be distinguished"
@@ -190,8 +188,6 @@ def _error_places(curves: Sequence[ErrorCurve]) -> tuple[list[CurvePlace], bool]
 
 def _error_styles(places: Sequence[CurvePlace], is_numbered: bool) -> dict[str, LineStyle]:
     """Return the style of each group, which repeats in panels that are numbered."""
-    from fraexp.figures.elements import canvas
-
     names = list(dict.fromkeys(of.group for of in places))
     size = max(map(len, facet_indices(places).values())) if is_numbered else len(names)
     styles = canvas.named_styles(size)
@@ -204,8 +200,6 @@ def draw_error_parts(
     styles: Mapping[str, LineStyle],
 ) -> None:
     """Draw magnitude above phase of the errors in each facet; far beyond its linear range an axis is logarithmic."""
-    from fraexp.figures.elements import canvas
-
     for index, (part, linear_range) in enumerate(LINEAR_RANGES.items()):
         values = [with_gaps(getattr(of, part), of.settled) for facet in curves for of, _ in facet]
         known = np.abs(np.concatenate(values))

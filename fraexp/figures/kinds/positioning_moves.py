@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
+from fraexp.figures.elements import canvas
 from fraexp.figures.elements.facets import by_facet, facet_panels, group_styles
-from fraexp.figures.elements.grouped_lines import GroupedLine, draw_grouped_lines
+from fraexp.figures.elements.frequency_lines import GroupedLine, draw_grouped_lines
 from fraexp.figures.elements.grouping import CurvePlace
 from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.scales import DISPLACEMENT_UNITS
@@ -97,8 +98,6 @@ def _move_curve(label: str, curve: Curve, place: CurvePlace, factor: float) -> M
 
 def draw_positioning(info: PositioningInfo) -> "Figure":
     """Draw the deviation from the target above the thrust; random draws are drawn as bundles."""
-    from fraexp.figures.elements import canvas  # matplotlib: imported only when something is drawn
-
     places = [move.place for move in info.moves]
     with canvas.figure_style():
         heights = (2.2, 1.0) if info.thrust_unit else (1.0,)
@@ -130,8 +129,6 @@ def _draw_facet(axes: Sequence["Axes"], moves: Sequence[MoveCurve], styles: Mapp
 
 
 def _draw_bands(axes: "Axes", info: PositioningInfo) -> None:
-    from fraexp.figures.elements import canvas
-
     for band in info.bands:
         for limit in (-band, band):
             axes.axhline(limit, **canvas.REFERENCE_STYLE)

@@ -175,7 +175,7 @@ def with_curves(picture: Picture, curve_of: Mapping[int, int]) -> Picture:
 
 def difference_picture(shown: Sequence[ShownResult], first: int) -> Picture:
     """Return the differences of responses from the sweep at place `first`; with `REFERENCE`, from the plant."""
-    from fraexp.figures.kinds.against_first import difference_info
+    from fraexp.figures.kinds.difference import difference_info
     from fraexp.figures.kinds.plant_errors import errors_info
 
     of, found = _responses(shown)
