@@ -81,7 +81,6 @@ docs: $(TOOLS)
 docs-figures: $(TOOLS)
 	@$(BIN)/python -m fraexp run paper/fig12 $(ARGS)
 	@cp figures/paper/fig12.png docs/figures/fig12.png
-	@$(BIN)/python docs/make_gallery.py fig14_likelihood.png
 	@$(BIN)/python docs/make_screens.py
 
 wheel: $(TOOLS)
