@@ -26,7 +26,7 @@ class Outcome(Enum):
 
     OK = ""
     NOT_SETTLED = "raise excitation.settling_timeout, or loosen excitation.settling_tolerance"
-    INACCURATE = "use the numbers at the frequencies that the message does not name, or do what it advises"
+    INACCURATE = "frequencies that the message does not list are valid; for the others, do what it advises"
     NO_MOTION = (
         "raise excitation.amplitude, or use an encoder of finer resolution; of a record, state excited frequencies only"
     )
