@@ -105,8 +105,8 @@ def test_help_leads_to_its_end_and_tells_our_keys_alone(workspace):
         await until(pilot, lambda: isinstance(app.screen, HelpPage))
         await pilot.press("G")
         await shows(pilot, "finds commands by name")
-        lines = app.screen.query(Static)[1].render_line
-        rows = [lines(row).text for row in range(app.screen.query(Static)[1].size.height)]
+        lines = app.screen.query_one(Static).render_line
+        rows = [lines(row).text for row in range(app.screen.query_one(Static).size.height)]
         assert sum("hide or show this curve" in row for row in rows) == 1
         assert any(row.split()[:3] == ["1", "to", "9"] for row in rows)
         assert not any(

@@ -4,7 +4,6 @@ import os
 from pathlib import Path
 
 import pytest
-from textual.widgets import Input
 
 from fraexp.components.local_file import load_file
 from fraexp.components.registry import discover
@@ -124,7 +123,7 @@ def test_the_filter_goes_before_the_page_does(workspace):
         await shows(pilot, "No component matches; Esc clears the filter.")
         await pilot.press("escape")
         await shows(pilot, "composite")
-        assert not app.screen.query_one("#filter", Input).value
+        assert not app.screen.line.value
 
     pilot_of(workspace, steps)
 

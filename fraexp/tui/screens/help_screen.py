@@ -6,12 +6,11 @@ from rich.table import Table
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import VerticalScroll
 from textual.screen import ModalScreen
-from textual.widgets import Static
 
 from fraexp.tui.page import Page
 from fraexp.tui.services import user_settings
+from fraexp.tui.widgets.text_section import TextSection
 
 TOOLKIT_KEYS = ("ctrl+q", "ctrl+p")
 """Keys that Textual adds to every screen, with a meaning that other keys have too."""
@@ -24,17 +23,13 @@ class HelpPage(ModalScreen[None]):
 
     DEFAULT_CSS = """
     HelpPage { align: center middle; }
-    HelpPage > VerticalScroll {
+    HelpPage > TextSection {
         width: 76; max-width: 96%; height: auto; max-height: 90%; padding: 1 2;
         background: $surface; border: round $primary;
     }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,question_mark,f1,q,enter", "dismiss", "close"),
-        Binding("j", "scroll(1)", "down", show=False, tooltip="scroll down"),
-        Binding("k", "scroll(-1)", "up", show=False, tooltip="scroll up"),
-        Binding("g", "turn(False)", "top", show=False, tooltip="scroll to the top"),
-        Binding("G", "turn(True)", "end", show=False, tooltip="scroll to the end"),
     ]
 
     def __init__(self, page: Page) -> None:
@@ -43,11 +38,9 @@ class HelpPage(ModalScreen[None]):
 
     def compose(self) -> ComposeResult:
         """Show the text, then the keys."""
-        with VerticalScroll():
-            yield Static(Text(_reflow(self._page.HELP) + "\n"))
-            yield Static(self._keys())
-            place = user_settings.settings_file()
-            yield Static(Text(f"\nSettings (theme, phase): {place}. : or ctrl+p finds commands by name."))
+        place = user_settings.settings_file()
+        settings = f"\nSettings (theme, phase): {place}. : or ctrl+p finds commands by name."
+        yield TextSection(Text(_reflow(self._page.HELP) + "\n"), self._keys(), Text(settings))
 
     def _keys(self) -> Table:
         table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
@@ -63,15 +56,6 @@ class HelpPage(ModalScreen[None]):
         for (_, what), keys in seen.items():
             table.add_row(_keys_text(list(dict.fromkeys(keys))), Text(what))
         return table
-
-    def action_scroll(self, lines: int) -> None:
-        """Scroll by lines."""
-        self.query_one(VerticalScroll).scroll_relative(y=lines, animate=False)
-
-    def action_turn(self, end: bool) -> None:
-        """Scroll to the top or to the end."""
-        place = self.query_one(VerticalScroll)
-        place.scroll_end(animate=False) if end else place.scroll_home(animate=False)
 
 
 def _reflow(text: str) -> str:

@@ -11,13 +11,15 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, VerticalScroll
 from textual.css.query import NoMatches
-from textual.widgets import DataTable, Input, Static
+from textual.widgets import DataTable, Static
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.data.terminal_text import printable
 from fraexp.tui.page import Page
 from fraexp.tui.services.plugin_watch import PluginsChanged
+from fraexp.tui.widgets.filter_line import FilteredPage, FilterLine
 from fraexp.tui.widgets.paged_table import PagedTable, TableRows
+from fraexp.tui.widgets.text_section import TextSection
 from fraexp.views.components import (
     Offer,
     component_document,
@@ -105,7 +107,7 @@ def description(offer: Offer, sources: SourceCounts, most: int | None = None) ->
     return Group(*lines)
 
 
-class PluginsPage(Page):
+class PluginsPage(FilteredPage):
     """The list of plugins."""
 
     PLACE: ClassVar[str] = "plugins"
@@ -118,8 +120,6 @@ Files are reloaded when they change. Broken plugins come first, with the reason.
 Enter on a friction model opens a trial: force loop and describing function, updated as you edit its parameters.
 """
     DEFAULT_CSS = """
-    PluginsPage #filter { display: none; }
-    PluginsPage #filter.-shown { display: block; }
     PluginsPage #split { layout: vertical; height: 1fr; }
     PluginsPage #detail { height: 45%; padding: 0 1; }
     PluginsPage.-wide #split { layout: horizontal; }
@@ -127,7 +127,6 @@ Enter on a friction model opens a trial: force loop and describing function, upd
     PluginsPage.-wide #detail { height: 1fr; width: 50%; border-left: solid $panel-lighten-2; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("slash", "filter", "filter", tooltip="filter by words"),
         Binding("d", "scroll(1)", "", show=False, tooltip="scroll the description down"),
         Binding("u", "scroll(-1)", "", show=False, tooltip="scroll the description up"),
     ]
@@ -142,7 +141,7 @@ Enter on a friction model opens a trial: force loop and describing function, upd
     def body(self) -> ComposeResult:
         """Show the filter, the list, and the description of the selected row."""
         self.command = "fraexp plugins"
-        yield Input(placeholder="words, such as: friction stribeck", id="filter", compact=True)
+        yield FilterLine("words, such as: friction stribeck")
         with Container(id="split"):
             yield PluginTable()
             yield VerticalScroll(Static(), id="detail", can_focus=False)
@@ -158,10 +157,10 @@ Enter on a friction model opens a trial: force loop and describing function, upd
             return
         self._all = found
         self.show_notice()
-        self._apply_filter()
+        self.show()
         used = await self.fetch(self.app.backend.read(lambda store: store.sources()), lambda _: None)
         self.query_one(PluginTable).sources = used or {}  # empty without a database
-        self._apply_filter()
+        self.show()
 
     def follow(self, changed: bool) -> None:
         """Count again after a delay, not at each sweep of a run."""
@@ -177,12 +176,11 @@ Enter on a friction model opens a trial: force loop and describing function, upd
     def _handle_reload(self) -> None:
         self.reload()
 
-    def _apply_filter(self) -> None:
+    def show(self) -> None:
         """Show the matching rows; from the top if the filter has changed."""
-        words = self.query_one("#filter", Input).value.lower().split()
-        anew, self._words = words != self._words, words
-        table = self.query_one(PluginTable)
-        table.offers = [of for of in self._all if all(word in _search_text(of) for word in words)]
+        line, table = self.line, self.query_one(PluginTable)
+        anew, self._words = line.words != self._words, line.words
+        table.offers = [of for of in self._all if line.matches(_search_text(of))]
         table.restart() if anew else table.reload()
         self.call_after_refresh(self._describe)
 
@@ -214,30 +212,6 @@ Enter on a friction model opens a trial: force loop and describing function, upd
         else:
             self.app.push_screen(ComponentPage(offer, self.query_one(PluginTable).sources))
 
-    @on(Input.Changed, "#filter")
-    def _handle_filter(self) -> None:
-        self._apply_filter()
-
-    @on(Input.Submitted, "#filter")
-    def _focus_list(self) -> None:
-        self.query_one(PluginTable).focus()
-
-    def action_filter(self) -> None:
-        """Edit the filter."""
-        line = self.query_one("#filter", Input)
-        line.add_class("-shown")
-        line.focus()
-
-    def action_back(self) -> None:
-        """Clear the filter first."""
-        line = self.query_one("#filter", Input)
-        if line.has_class("-shown"):
-            line.value = ""
-            line.remove_class("-shown")
-            self.query_one(PluginTable).focus()
-        else:
-            super().action_back()
-
     def action_scroll(self, lines: int) -> None:
         """Scroll the description."""
         self.query_one("#detail", VerticalScroll).scroll_relative(y=lines * 3, animate=False)
@@ -245,7 +219,7 @@ Enter on a friction model opens a trial: force loop and describing function, upd
 
 def _search_text(offer: Offer) -> str:
     meaning = " ".join(offer.provider.paragraphs[:1]) if offer.provider else ""
-    return f"{offer.kind} {offer.name} {offer.origin} {offer.reason} {meaning}".lower()
+    return f"{offer.kind} {offer.name} {offer.origin} {offer.reason} {meaning}"
 
 
 class ComponentPage(Page):
@@ -253,11 +227,7 @@ class ComponentPage(Page):
 
     PLACE: ClassVar[str] = "plugins"
     HELP: ClassVar[str] = "The description of a component by its author, and its parameters."
-    DEFAULT_CSS = "ComponentPage VerticalScroll { padding: 0 1; }"
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("j", "scroll(1)", show=False, tooltip="scroll down"),
-        Binding("k", "scroll(-1)", show=False, tooltip="scroll up"),
-    ]
+    DEFAULT_CSS = "ComponentPage TextSection { padding: 0 1; }"
 
     def __init__(self, offer: Offer, sources: SourceCounts) -> None:
         super().__init__()
@@ -265,7 +235,7 @@ class ComponentPage(Page):
 
     def body(self) -> ComposeResult:
         """Show the description."""
-        yield VerticalScroll(Static())
+        yield TextSection()
         self._show()
 
     def _show(self) -> None:
@@ -283,16 +253,12 @@ class ComponentPage(Page):
         self.show_notice("" if now else "This component was removed. Esc returns to the list.")
         self._offer = now or self._offer
         self._show()
-        self.query_one(VerticalScroll).display = now is not None
-        self.query_one(VerticalScroll).query_one(Static).update(description(self._offer, self._sources))
+        self.query_one(TextSection).display = now is not None
+        self.query_one(TextSection).show_parts(description(self._offer, self._sources))
 
     @on(PluginsChanged)
     def _handle_reload(self) -> None:
         self.reload()
-
-    def action_scroll(self, lines: int) -> None:
-        """Scroll by lines."""
-        self.query_one(VerticalScroll).scroll_relative(y=lines, animate=False)
 
 
 def _find_successor(offer: Offer, found: Sequence[Offer]) -> Offer | None:

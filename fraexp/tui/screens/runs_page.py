@@ -6,13 +6,12 @@ from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
-from textual.widgets import DataTable, Input
+from textual.widgets import DataTable
 
 from fraexp.store import RunSummary
 from fraexp.tui.dialogs import ConfirmDialog
-from fraexp.tui.page import Page
 from fraexp.tui.screens.run_page import RunPage
-from fraexp.tui.widgets.filter_line import FilterLine
+from fraexp.tui.widgets.filter_line import FilteredPage, FilterLine
 from fraexp.tui.widgets.paged_table import PagedTable, TableRows
 from fraexp.tui.widgets.preview_plot import SidePreview, selected_run
 from fraexp.views.fields import MIN_SILENCE_S, run_duration_text, run_state_text
@@ -56,7 +55,7 @@ def _state_text(run: RunSummary) -> str:
     return f"running {bar_text(done_fraction(run), BAR_WIDTH)}"
 
 
-class RunsPage(Page):
+class RunsPage(FilteredPage):
     """All runs."""
 
     PLACE: ClassVar[str] = "runs"
@@ -70,7 +69,6 @@ Runs, newest first.
   process lost      its process died; finished sweeps are kept
 Enter opens a run: its sweeps, its log, and the keys that stop it or start it again."""
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("slash", "filter", "filter", tooltip="filter by study, state or command"),
         Binding("D", "delete", "delete", tooltip="delete the run, and sweeps that no other run has"),
     ]
     AUTO_FOCUS = "RunTable"
@@ -110,7 +108,7 @@ Enter opens a run: its sweeps, its log, and the keys that stop it or start it ag
 
     def show(self) -> None:
         """Show the runs that match the filter."""
-        line, table = self.query_one(FilterLine), self.query_one(RunTable)
+        line, table = self.line, self.query_one(RunTable)
         table.runs = [
             run for run in self.runs if line.matches(str(run.number), run.study, run_state_text(run), run.command)
         ]
@@ -134,23 +132,6 @@ Enter opens a run: its sweeps, its log, and the keys that stop it or start it ag
     def _open_run(self) -> None:
         if self.run is not None:
             self.app.push_screen(RunPage(self.run.number))
-
-    @on(Input.Changed)
-    def _handle_filter(self) -> None:
-        self.show()
-
-    @on(FilterLine.Left)
-    def _focus_table(self) -> None:
-        self.query_one(RunTable).focus()
-
-    def action_filter(self) -> None:
-        """Open the filter."""
-        self.query_one(FilterLine).begin()
-
-    def action_back(self) -> None:
-        """Clear the filter."""
-        if not self.query_one(FilterLine).clear_away():
-            super().action_back()
 
     def action_delete(self) -> None:
         """Delete the run under the cursor after confirmation."""

@@ -11,7 +11,7 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Vertical, VerticalScroll
 from textual.timer import Timer
-from textual.widgets import DataTable, Input, Static
+from textual.widgets import DataTable, Static
 
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
@@ -20,9 +20,10 @@ from fraexp.study.catalogue import FIRST_STUDY, StudyEntry
 from fraexp.tui.page import Page
 from fraexp.tui.services.launch_form import override_texts
 from fraexp.tui.services.study_survey import SurveyProcess
-from fraexp.tui.widgets.filter_line import FilterLine
+from fraexp.tui.widgets.filter_line import FilteredPage, FilterLine
 from fraexp.tui.widgets.paged_table import PagedTable, TableRows
 from fraexp.tui.widgets.preview_plot import PreviewPlot
+from fraexp.tui.widgets.text_section import TextSection
 from fraexp.views.fields import run_state_text
 from fraexp.views.listing import Column
 from fraexp.views.study import StudySurvey, newest_runs, study_fields, study_row
@@ -74,7 +75,7 @@ class StudyTable(PagedTable):
         return super().position() if self.is_known else "loading …"
 
 
-class StudiesPage(Page):
+class StudiesPage(FilteredPage):
     """All studies, with a preview of the selected one."""
 
     PLACE: ClassVar[str] = "studies"
@@ -105,7 +106,6 @@ question; while a machine is measured, m shows it."""
     StudiesPage.-wide #side { width: 1fr; height: 1fr; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("slash", "filter", "filter", tooltip="filter by name or title"),
         Binding("m", "measure", "measure", tooltip="measure the study on its machine"),
         Binding("e", "file", "file", tooltip="show the study's file"),
     ]
@@ -204,7 +204,7 @@ question; while a machine is measured, m shows it."""
 
     def show(self) -> None:
         """Show the studies that match the filter."""
-        line, table = self.query_one(FilterLine), self.query_one(StudyTable)
+        line, table = self.line, self.query_one(StudyTable)
         entries = [entry for entry in self.entries if line.matches(entry.name, entry.title)]
         table.entries, table.last, table.is_known = entries, self.last, True
         table.rows_of = [study_row(of, self.found.get(of.name), self.last.get(of.name)) for of in entries]
@@ -258,23 +258,6 @@ question; while a machine is measured, m shows it."""
         if self.entry is not None:
             self.app.push_screen(LaunchPage(self.entry, self.app.drafts.setdefault(self.entry.name, FormDraft())))
 
-    @on(Input.Changed)
-    def _handle_filter(self) -> None:
-        self.show()
-
-    @on(FilterLine.Left)
-    def _focus_table(self) -> None:
-        self.query_one(StudyTable).focus()
-
-    def action_filter(self) -> None:
-        """Open the filter."""
-        self.query_one(FilterLine).begin()
-
-    def action_back(self) -> None:
-        """Clear the filter."""
-        if not self.query_one(FilterLine).clear_away():
-            super().action_back()
-
     def action_measure(self) -> None:
         """Plan the study's measurement with the values of its form, or show the one that is running."""
         if self.entry is not None:
@@ -297,11 +280,7 @@ class FilePage(Page):
 
     PLACE: ClassVar[str] = "studies"
     HELP: ClassVar[str] = "The study file. Edit it with an editor; the list follows."
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("j", "scroll(1)", show=False, tooltip="scroll down"),
-        Binding("k", "scroll(-1)", show=False, tooltip="scroll up"),
-    ]
-    DEFAULT_CSS = "FilePage #text { padding: 0 1; }"
+    DEFAULT_CSS = "FilePage TextSection { padding: 0 1; }"
 
     def __init__(self, file: Path) -> None:
         super().__init__()
@@ -309,18 +288,13 @@ class FilePage(Page):
 
     def body(self) -> ComposeResult:
         """Show the text."""
-        with VerticalScroll(id="text"):
-            yield Static(id="lines")
+        yield TextSection()
 
     async def load(self) -> None:
         """Read the file."""
         self.heading, self.command = self.file.name, f"cat {self.file}"
         text = await self.wait_for(self.app.backend.work(lambda _: _file_text(self.file)))
-        self.query_one("#lines", Static).update(Text("\n".join(map(printable, text.splitlines()))))
-
-    def action_scroll(self, lines: int) -> None:
-        """Scroll by lines."""
-        self.query_one("#text", VerticalScroll).scroll_relative(y=lines, animate=False)
+        self.query_one(TextSection).show_parts(Text("\n".join(map(printable, text.splitlines()))))
 
 
 def _file_text(file: Path) -> str:

@@ -4,13 +4,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Horizontal, VerticalScroll
+from textual.containers import Horizontal
 from textual.content import Content
 from textual.events import DescendantFocus
 from textual.widgets import Static, TabbedContent, TabPane
@@ -22,6 +22,7 @@ from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
 from fraexp.tui.services.themes import state_sign
 from fraexp.tui.widgets.point_table import PointsTable
 from fraexp.tui.widgets.tagging import TaggingPage
+from fraexp.tui.widgets.text_section import READING_TEXT, TextSection
 from fraexp.views.fields import remedy_text, sweep_labels
 from fraexp.views.listing import state_text
 from fraexp.views.resolved_parameters import ResolvedParameter, resolved_parameters
@@ -34,7 +35,6 @@ SECTIONS = {
     "provenance": "Provenance",
     "log": "Log",
 }
-READING_TEXT = "loading ..."
 MIN_TABLE_WIDTH = 110
 """Minimum width of the screen for a table of parameters."""
 
@@ -48,25 +48,6 @@ class SweepDetails:
     log: str
     computed_by: RunSummary | None
     latest: RunSummary | None
-
-
-class TextSection(VerticalScroll):
-    """Text that can be scrolled."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("j", "scroll_down", "down", show=False, tooltip="scroll down"),
-        Binding("k", "scroll_up", "up", show=False, tooltip="scroll up"),
-        Binding("g", "scroll_home", "top", show=False, tooltip="scroll to the top"),
-        Binding("G", "scroll_end", "end", show=False, tooltip="scroll to the end"),
-    ]
-
-    def compose(self) -> ComposeResult:
-        """Show that it is loading."""
-        yield Static(READING_TEXT)
-
-    def show_parts(self, *parts: RenderableType) -> None:
-        """Show texts and tables below each other."""
-        self.query_one(Static).update(Group(*parts))
 
 
 class SectionPane(TabPane):

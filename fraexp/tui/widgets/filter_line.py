@@ -1,10 +1,14 @@
-"""An input that filters a table as the user types."""
+"""An input that filters a table as the user types, and the pages that have one."""
 
 from typing import ClassVar
 
+from textual import on
 from textual.binding import Binding, BindingType
 from textual.message import Message
 from textual.widgets import Input
+
+from fraexp.tui.page import Page
+from fraexp.tui.widgets.paged_table import PagedTable
 
 
 class FilterLine(Input):
@@ -55,3 +59,37 @@ class FilterLine(Input):
         """Keep the filter, and move to the table."""
         self.set_class(bool(self.value), "-shown")
         self.post_message(self.Left())
+
+
+class FilteredPage(Page):
+    """A page with a table below a `FilterLine`, in which `show` shows the rows that match."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("slash", "filter", "filter", tooltip="filter by words, which must all match"),
+    ]
+
+    def show(self) -> None:
+        """Show the rows that match the filter."""
+        raise NotImplementedError
+
+    @property
+    def line(self) -> FilterLine:
+        """The filter."""
+        return self.query_one(FilterLine)
+
+    @on(Input.Changed, "FilterLine")
+    def _handle_filter(self) -> None:
+        self.show()
+
+    @on(FilterLine.Left)
+    def _focus_table(self) -> None:
+        self.query_one(PagedTable).focus()
+
+    def action_filter(self) -> None:
+        """Open the filter."""
+        self.line.begin()
+
+    def action_back(self) -> None:
+        """Clear the filter, or go back."""
+        if not self.line.clear_away():
+            super().action_back()
