@@ -12,6 +12,7 @@ from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 async def opened(app, pilot, key: str) -> None:
     """Open a sweep, and wait until all is read."""
     await pilot.press("w")
+    await until(pilot, lambda: app.screen.PLACE == "sweeps")
     await app.push_screen(SweepPage(key))
     await until(pilot, lambda: isinstance(app.screen, SweepPage) and app.screen._parameters)
 
