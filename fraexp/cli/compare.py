@@ -6,7 +6,6 @@ from dataclasses import asdict
 
 import numpy as np
 
-from fraexp.cli.documents import json_value
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_fields, print_json, print_table, say
 from fraexp.cli.summary import Quantity, is_sample, needs_summary, parameter_rows, print_quantiles, quantile_rows
@@ -17,6 +16,7 @@ from fraexp.data.frequency_text import frequency_text
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.label_units import label_units
 from fraexp.figures.elements.labels import curve_names
+from fraexp.figures.export import json_value
 from fraexp.figures.kinds.difference import Difference
 from fraexp.figures.kinds.plant_errors import (
     FREQUENCY_FACTOR,

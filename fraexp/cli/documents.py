@@ -1,33 +1,12 @@
 """Runs, sweeps and results as JSON documents."""
 
-import math
-from collections.abc import Mapping
 from dataclasses import asdict
-from datetime import datetime
 from typing import Any
 
-import numpy as np
-
-from fraexp.data.results import FrequencyResponse, Outcome, Result
-from fraexp.figures.export.content import optional_arrays
+from fraexp.data.results import FrequencyResponse, Result
+from fraexp.figures.export import json_value, optional_arrays
 from fraexp.store import RunSummary, StoredSweep
 from fraexp.views.fields import remedy_text
-
-
-def json_value(value: object) -> Any:
-    """Return a value for JSON: NaN becomes null, a time ISO 8601, an outcome its name."""
-    match value:
-        case Outcome():
-            return value.name.lower()
-        case datetime():
-            return value.isoformat()
-        case float():
-            return value if math.isfinite(value) else None
-        case np.ndarray() | np.generic():
-            return json_value(value.tolist())
-        case Mapping():
-            return {str(key): json_value(item) for key, item in value.items()}
-    return [json_value(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def run_document(run: RunSummary) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from fraexp.cli.documents import json_value, run_document, sweep_document
+from fraexp.cli.documents import run_document, sweep_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_json, print_line, print_path, print_table, say
 from fraexp.cli.progress import Meter
@@ -17,6 +17,7 @@ from fraexp.data.results import UNUSABLE_OUTCOMES, Result
 from fraexp.data.terminal_text import printable
 from fraexp.execution.background import announce_begin
 from fraexp.execution.events import Begun, Ended, Event, Finished, Noticed, Planned, Preparing, Progress
+from fraexp.figures.export import json_value
 from fraexp.store import RunSummary, StoredSweep, mark_damaged
 from fraexp.views.fields import remedies, run_state_text
 from fraexp.views.plan import why_document, why_lines

@@ -8,11 +8,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from fraexp.cli.documents import json_value
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_json, print_line, say
 from fraexp.cli.sweep_lookup import workspace_folder
 from fraexp.errors import StoreError
+from fraexp.figures.export import json_value
 from fraexp.store import Conflict, MergeSummary, masked_url
 from fraexp.views.words import plural
 from fraexp.workspace.workspace_folder import WorkspaceFolder

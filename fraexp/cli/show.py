@@ -4,7 +4,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 from typing import Any
 
-from fraexp.cli.documents import json_value, run_document, sweep_document
+from fraexp.cli.documents import run_document, sweep_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_fields, print_json, print_line, print_table, say
 from fraexp.cli.summary import needs_summary, print_summary
@@ -15,6 +15,7 @@ from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.sweep import Plain
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.scales import PLANT_UNITS
+from fraexp.figures.export import json_value
 from fraexp.reports.published_comparisons import comparison_document, verdict
 from fraexp.reports.report_tables import published_table
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged

@@ -29,19 +29,8 @@ from fraexp.figures.kinds.other_curves import curves_info, draw_curves
 from fraexp.figures.kinds.plant_errors import draw_errors, errors_info
 from fraexp.figures.kinds.positioning_moves import draw_positioning, is_positioning, positioning_info
 
-CURVE_KINDS = ("hysteresis", "positioning", "curves")
-"""Kinds of figures that show the curves of results."""
-FACET_KINDS = (*CURVE_KINDS, "difference", "coherence", "nyquist")
+FACET_KINDS = ("hysteresis", "positioning", "curves", "difference", "coherence", "nyquist")
 """Kinds of figures that have facets but no map."""
-DRAWING_FUNCTIONS: dict[str, Callable[[Sequence[ShownResult], str], Figure]] = {
-    "errors": lambda shown, title: draw_errors(errors_info(shown, title)),
-    "difference": lambda shown, title: draw_difference(difference_info(shown, title)),
-    "coherence": lambda shown, title: draw_coherence(coherence_info(shown, title)),
-    "amplitude_map": lambda shown, title: draw_amplitude_map(amplitude_map_info(shown, title)),
-    "levels": lambda shown, title: draw_levels(levels_info(shown, title)),
-    "distribution": lambda shown, title: draw_distribution(distribution_info(shown, title)),
-}
-"""Drawing functions of the kinds that need only the results and a title."""
 
 
 def draw_figure(
@@ -58,7 +47,10 @@ def draw_figure(
     """
     chosen = kind or _default_kind(shown)
     view.check(chosen, [of.response.frequency for of in shown if of.response is not None])
-    figure = _draw_kind(shown, reference, title, chosen, view)
+    if chosen in FACET_KINDS:
+        places = panel_places(curve_places(shown), chosen)
+        shown = [replace(of, place=place) for of, place in zip(shown, places, strict=True)]
+    figure = DRAWING_FUNCTIONS[chosen](shown, reference, title, view.wrapped)
     if view.wrapped:
         break_wrapped_lines(figure)
     if view.band:
@@ -66,25 +58,9 @@ def draw_figure(
     return figure
 
 
-def _draw_kind(
-    shown: Sequence[ShownResult], reference: Reference | None, title: str, chosen: str, view: View
-) -> Figure:
-    if chosen in FACET_KINDS:
-        places = panel_places(curve_places(shown), chosen)
-        shown = [replace(of, place=place) for of, place in zip(shown, places, strict=True)]
-    if chosen in CURVE_KINDS:
-        return _draw_curve_kind(_labelled_curves(shown), title, chosen)
-    if chosen in DRAWING_FUNCTIONS:
-        return DRAWING_FUNCTIONS[chosen](shown, title)
-    if chosen == "nyquist":
-        return draw_nyquist(nyquist_info(shown, reference, title))
-    if chosen != "bode":
-        raise NotImplementedError(f"figure kind '{chosen}' is listed in FIGURES, but has no drawing function")
-    return _draw_bode([of for of in shown if of.response is not None], reference, title, view.wrapped)
-
-
 def _draw_bode(shown: Sequence[ShownResult], reference: Reference | None, title: str, wrapped: bool) -> Figure:
     """Draw responses as a Bode plot, or as a map if there are too many groups for lines."""
+    shown = [of for of in shown if of.response is not None]
     if any(of.place and of.place.is_mapped for of in shown):
         return draw_amplitude_map(response_map_info(shown, title))
     places, infos = curve_places(shown), {}
@@ -94,17 +70,6 @@ def _draw_bode(shown: Sequence[ShownResult], reference: Reference | None, title:
         of_facet = [places[index] for index in indices]
         infos[name] = bode_info(curves, reference, title, of_facet, [of.fitted for of in members], wrapped)
     return draw_bode_facets(infos)
-
-
-def _draw_curve_kind(found: Sequence[tuple[str, Curve, CurvePlace]], title: str, kind: str) -> Figure:
-    match kind:
-        case "hysteresis":
-            loops = [of for of in found if is_hysteresis(of[1])]
-            pairs, places = [(label, curve) for label, curve, _ in loops], [place for *_, place in loops]
-            return draw_hysteresis(hysteresis_info(pairs, title, places))
-        case "positioning":
-            return draw_positioning(positioning_info(found, title))
-    return draw_curves(curves_info([(label, curve) for label, curve, _ in found], title, [of for *_, of in found]))
 
 
 def _default_kind(shown: Sequence[ShownResult]) -> str:
@@ -127,6 +92,33 @@ def _labelled_curves(shown: Sequence[ShownResult]) -> list[tuple[str, Curve, Cur
         for curve in of.result.curves
         if curve.name not in EXTREMUM_CURVES
     ]
+
+
+def _draw_loops(found: Sequence[tuple[str, Curve, CurvePlace]], title: str) -> Figure:
+    loops = [of for of in found if is_hysteresis(of[1])]
+    info = hysteresis_info([(label, curve) for label, curve, _ in loops], title, [place for *_, place in loops])
+    return draw_hysteresis(info)
+
+
+def _draw_others(found: Sequence[tuple[str, Curve, CurvePlace]], title: str) -> Figure:
+    info = curves_info([(label, curve) for label, curve, _ in found], title, [place for *_, place in found])
+    return draw_curves(info)
+
+
+DRAWING_FUNCTIONS: dict[str, Callable[[Sequence[ShownResult], Reference | None, str, bool], Figure]] = {
+    "bode": _draw_bode,
+    "errors": lambda shown, _, title, __: draw_errors(errors_info(shown, title)),
+    "amplitude_map": lambda shown, _, title, __: draw_amplitude_map(amplitude_map_info(shown, title)),
+    "difference": lambda shown, _, title, __: draw_difference(difference_info(shown, title)),
+    "nyquist": lambda shown, reference, title, _: draw_nyquist(nyquist_info(shown, reference, title)),
+    "coherence": lambda shown, _, title, __: draw_coherence(coherence_info(shown, title)),
+    "levels": lambda shown, _, title, __: draw_levels(levels_info(shown, title)),
+    "hysteresis": lambda shown, _, title, __: _draw_loops(_labelled_curves(shown), title),
+    "positioning": lambda shown, _, title, __: draw_positioning(positioning_info(_labelled_curves(shown), title)),
+    "distribution": lambda shown, _, title, __: draw_distribution(distribution_info(shown, title)),
+    "curves": lambda shown, _, title, __: _draw_others(_labelled_curves(shown), title),
+}
+"""What draws each kind of figure: results, reference, title, and whether the phase lies within ±180°."""
 
 
 def save_figure(figure: Figure, path: Path, keys: Sequence[str]) -> None:

@@ -11,8 +11,7 @@ from fraexp.data.results import Curve, FrequencyResponse, Result
 from fraexp.data.signals import Signals
 from fraexp.data.sweep import DRAW
 from fraexp.errors import FraexpError
-from fraexp.figures.export.content import json_value, outcome_name, response_arrays, response_units
-from fraexp.figures.export.text import table_columns
+from fraexp.figures.export import json_value, outcome_name, response_arrays, response_units, table_columns
 from fraexp.interface.optional_packages import import_optional
 
 if TYPE_CHECKING:

@@ -83,22 +83,6 @@ def test_what_makes_no_map_is_refused(count: int, series: int, sentence: str, ma
         amplitude_map_info(curves)
 
 
-def test_no_label_of_a_contour_lies_over_another(make_response: ResponseMaker) -> None:
-    """Lines crowd at a lightly damped resonance."""
-    frequency = np.geomspace(1, 200, 120)
-    plant = 1 / (1 - (frequency / 40) ** 2 + 0.05j * frequency / 40)
-    curves = [
-        ShownResult(f"{size} N", Result(Outcome.OK, response=make_response(frequency, plant * size)), amplitude=size)
-        for size in (1.0, 3.0, 10.0, 30.0)
-    ]
-    figure = draw_amplitude_map(amplitude_map_info(curves))
-    figure.canvas.draw()
-    for axes in figure.axes[:2]:
-        boxes = [text.get_window_extent() for text in axes.texts]
-        assert boxes
-        assert not any(one.overlaps(other) for index, one in enumerate(boxes) for other in boxes[:index])
-
-
 def test_a_narrow_axis_has_ticks(make_response: ResponseMaker) -> None:
     scales = [0.9, 1.0, 1.1]
     figure = draw_amplitude_map(amplitude_map_info([shown(make_response, of, "unknown") for of in scales]))

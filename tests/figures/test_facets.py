@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
+from fraexp.data.figure_kinds import FIGURES
 from fraexp.data.results import Curve, Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.drawing import FACET_KINDS, draw_figure
+from fraexp.figures.drawing import DRAWING_FUNCTIONS, FACET_KINDS, draw_figure
 from fraexp.figures.elements.grouping import group_sweeps
 from fraexp.figures.elements.shown import ShownResult
 from tests.examples import some
@@ -60,6 +61,10 @@ Drawn = Callable[[list[Labels], str], object]
 @pytest.fixture
 def draw(make_response: ResponseMaker) -> Drawn:
     return lambda grid, kind: draw_figure(shown_grid(make_response, grid), title="Grid", kind=kind)
+
+
+def test_every_kind_of_figure_can_be_drawn() -> None:
+    assert sorted(DRAWING_FUNCTIONS) == sorted(FIGURES)
 
 
 @pytest.mark.parametrize("kind", FACET_KINDS)

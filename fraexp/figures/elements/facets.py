@@ -9,7 +9,7 @@ import numpy as np
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
 from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
-from fraexp.figures.elements.canvas import amount_colours
+from fraexp.figures.elements.canvas import add_amount_scale, amount_colours
 from fraexp.figures.elements.grouping import MAX_FACETS, CurvePlace, facet_indices
 from fraexp.figures.elements.labels import drawable
 from fraexp.figures.elements.line_style import LineStyle
@@ -114,7 +114,6 @@ class FacetPanels:
     def add_legend(self, places: Sequence[CurvePlace]) -> None:
         """Add the legend below, or the scale of colours of amounts at the right."""
         from fraexp.figures.elements import canvas
-        from fraexp.figures.elements.canvas import add_amount_scale
 
         axis = next((of.axis for of in places if of.is_mapped), "")
         if axis:

@@ -19,15 +19,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
-    from matplotlib.text import Text
 
 Masked = np.ma.MaskedArray[tuple[int, ...], np.dtype[np.float64]]
 MAX_MAPS = 4
 """Maximum number of maps side by side."""
 MAX_ROW_NAMES = 40
 """Maximum number of rows with names that can be read."""
-LABEL_SIZE = (0.04, 0.12)
-"""Width and height for the label of a contour line, relative to the axes: labels along steep lines are high."""
 NAME_INCH = 0.2
 """Height of a row with a name."""
 HATCH_STYLE: LineStyle = {"facecolor": "0.93", "edgecolor": "0.55", "hatch": "////", "linewidth": 0}
@@ -279,20 +276,6 @@ def _draw_contours(axes: "Axes", of: AmplitudeMap, values: Masked, levels: list[
         halo: list[AbstractPathEffect] = [withStroke(linewidth=1.8, foreground="1.0", alpha=0.7)]
         lines = axes.contour(of.frequency, of.amplitude, values, inside, colors="0.1", linewidths=0.7)
         lines.set_path_effects(halo)
-        for text in _spread_labels(axes, axes.clabel(lines, fmt=lambda level: f"{level:g}", fontsize=8, inline=False)):
-            text.set_path_effects(halo)
-
-
-def _spread_labels(axes: "Axes", labels: Sequence["Text"]) -> list["Text"]:
-    """Return the labels that lie clear of those before them, and remove the others: lines crowd at a resonance."""
-    kept: list[tuple[Text, NDArray[np.float64]]] = []
-    for text in labels:
-        place = (axes.transScale + axes.transLimits).transform(text.get_position())
-        if any((np.abs(place - other) < LABEL_SIZE).all() for _, other in kept):
-            text.remove()
-        else:
-            kept.append((text, place))
-    return [text for text, _ in kept]
 
 
 def _cell_edges(centres: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from fraexp.data.results import PARITIES, FrequencyResponse, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
+from fraexp.figures.elements.facets import facet_panels
 from fraexp.figures.elements.frequency_lines import draw_line
-from fraexp.figures.elements.labels import drawable
 from fraexp.figures.elements.scales import decibel, readable_unit
 from fraexp.figures.elements.shown import ShownResult
 
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 MAX_PANELS = 12
 """Maximum number of panels in a figure."""
-MAX_COLUMNS = 3
-"""Maximum number of panels side by side."""
 QUANTITIES = (
     "response",
     "total, of the mean",
@@ -104,35 +102,18 @@ def _standard_deviation(variance: NDArray[np.float64] | None) -> NDArray[np.floa
 
 def draw_levels(info: LevelsInfo) -> "Figure":
     """Draw a panel for each response; all share their axes."""
-    count = len(info.panels)
-    columns = min(count, MAX_COLUMNS if count != 4 else 2)
-    rows = -(-count // columns)
     with canvas.figure_style():
-        width = 8.0 if columns == 1 else 1.0 + 4.2 * columns
-        figure = canvas.new_figure(width=width, height=1.6 + 3.4 * rows if rows > 1 else 5.2)
-        grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-        for axes, panel in zip(grid.flat, info.panels, strict=False):
+        labels = [panel.label for panel in info.panels]
+        names = [of if labels.count(of) == 1 else f"{of} ({number})" for number, of in enumerate(labels, start=1)]
+        panels = facet_panels(names, (8.0, 5.2), facet_height=3.4)
+        for axes, panel in zip(panels.all, info.panels, strict=True):
             _draw_panel(axes, panel)
-            axes.set_title(
-                drawable(panel.label) if count > 1 else canvas.wrapped_title(figure, info.title),
-                fontsize=11 if count > 1 else None,
-            )
-        spare = list(grid.flat)[count:]
-        for axes in spare:
-            axes.set_visible(False)
-        for axes in list(grid.flat)[max(count - columns, 0) : count]:
-            axes.set_xlabel("Frequency [Hz]")
-            axes.tick_params(labelbottom=True)
-        for axes in grid[:, 0]:
-            axes.set_ylabel(f"Level [dB re 1 {info.unit}]")
         frequency = np.concatenate([panel.frequency for panel in info.panels])
-        canvas.set_log_abscissa(grid[0, 0], (float(frequency.min()), float(frequency.max())))
-        canvas.draw_grid(*list(grid.flat)[:count])
-        if count > 1:
-            figure.suptitle(canvas.wrapped_title(figure, info.title))
-        fullest = max(range(count), key=lambda index: len(info.panels[index].quantities))
-        canvas.add_legend_below(figure, grid.flat[fullest])
-    return figure
+        canvas.set_log_abscissa(panels.first[0], (float(frequency.min()), float(frequency.max())))
+        canvas.draw_grid(*panels.all)
+        panels.label(info.title, ["Frequency [Hz]"], [f"Level [dB re 1 {info.unit}]"])
+        canvas.add_legend_below(panels.figure, *panels.all)
+    return panels.figure
 
 
 def _draw_panel(axes: "Axes", panel: LevelsPanel) -> None:
