@@ -38,6 +38,7 @@ COMMANDS = {
     "delete": ("delete", "move runs or sweeps to the trash, with their results, or empty it"),
     "undelete": ("undelete", "bring runs or sweeps back from the trash"),
     "merge": ("merge", "merge another database into this one"),
+    "restore": ("restore", "put a copy of a database in the place of this one, which is kept"),
     "tui": ("tui", "start the terminal UI: launch, watch and compare studies"),
     "serve": ("serve", "serve the terminal UI to a web browser"),
     "doctor": ("doctor", "check the installation, the database, the plugins and the numerics"),

@@ -28,6 +28,8 @@ def execute(arguments: Namespace) -> ExitCode:
     source = replace(workspace, database=arguments.other)
     _check_database(source)
     with source.open_store() as other, workspace.open_store("create") as store:
+        if other.advice:
+            say(other.advice)
         merged = _report_progress(store.merge(other))
         names = {"from": other.name, "into": store.name}
     if arguments.json:

@@ -106,6 +106,10 @@ def _merge(parser: Parser) -> None:
     _json(parser)
 
 
+def _restore(parser: Parser) -> None:
+    parser.add_argument("copy", metavar="COPY", help="database file to copy; it is checked before")
+
+
 def _serve(parser: Parser) -> None:
     parser.add_argument("--port", metavar="PORT", type=int, default=8000, help="port (default: 8000)")
     parser.add_argument(
@@ -460,6 +464,7 @@ DECLARE = {
     "delete": _delete,
     "undelete": _undelete,
     "merge": _merge,
+    "restore": _restore,
     "tui": lambda parser: None,  # those of every command
     "serve": _serve,
     "doctor": _json,

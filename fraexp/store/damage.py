@@ -10,7 +10,7 @@ from fraexp.store.tables import Key, key_chunks
 from fraexp.store.validation import FOREIGN_DATA_ERRORS
 
 Value = TypeVar("Value")
-RESTORE_HINT = "restore a copy of the database, or save what is sound with fraexp merge into a new one"
+RESTORE_HINT = "restore a copy with 'fraexp restore COPY', or save what is sound with fraexp merge into a new one"
 DAMAGED = "the stored values do not match their digest: they are damaged"
 CORRUPT_CODES = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_IOERR)
 UNDECODABLE = "Could not decode"

@@ -87,6 +87,21 @@ class Store:
         return locate_database(url, timeout).exists()
 
     @staticmethod
+    def restore(url: str, copy: str, timeout: float = DEFAULT_TIMEOUT_S) -> str:
+        """Put a copy of a sound database in the place of another one, if that exists, and return its name from now on.
+
+        Nothing is lost: the earlier file is kept under that name, with its log. StoreError if the copy is not sound,
+        or while a process has the earlier file open.
+        """
+        database = locate_database(url, timeout)
+        with Store.open(copy, read_only=True, timeout=timeout) as source:
+            if (found := source.health()) != "sound":
+                raise StoreError(f"{source.name}: {found}")
+            if (number := _find_running(url, timeout)) is not None:
+                raise StoreError(f"{database.name}: run {number} is running; stop it with 'fraexp stop {number}' first")
+            return database.restore(source._database)
+
+    @staticmethod
     def refusal(url: str, timeout: float = DEFAULT_TIMEOUT_S) -> str:
         """Return why the database cannot be written, if that is known in advance; otherwise an empty text."""
         try:
@@ -428,3 +443,12 @@ def _check_schema(database: Database) -> None:
             f"{database.name}: the database has {found}, this fraexp needs schema {SCHEMA_NUMBER}; open it with the "
             "version of fraexp that made it, or name another database with --db and run the studies again"
         )
+
+
+def _find_running(url: str, timeout: float) -> int | None:
+    """Return the number of a run that uses a database; None if there is none, or if the database cannot be read."""
+    try:
+        with Store.open(url, read_only=True, timeout=timeout) as store:
+            return next((run.number for run in store.runs() if run.state == "running"), None)
+    except StoreError:
+        return None

@@ -100,6 +100,12 @@ class WorkspaceFolder:
 
         return Store.refusal(self.database)
 
+    def restore_database(self, copy: str) -> str:
+        """Put a checked copy in the place of the database, and return the name that the earlier one has now."""
+        from fraexp.store import Store
+
+        return Store.restore(self.database, copy)
+
     def location_options(self) -> list[str]:
         """Return the options that name this workspace from any folder."""
         return [f"--workspace={self.folder.absolute()}"]

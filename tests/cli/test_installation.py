@@ -119,7 +119,9 @@ def test_doctor_finds_what_is_no_result(
     assert main(["doctor", "--workspace", str(tmp_path), "--json"]) == ExitCode.INCOMPLETE
     error = json.loads(capsys.readouterr().out)["database"]["error"]
     assert error.startswith(f"{tmp_path / 'results.db'}: {finding}; ")
-    assert error.endswith("; restore a copy of the database, or save what is sound with fraexp merge into a new one")
+    assert error.endswith(
+        "; restore a copy with 'fraexp restore COPY', or save what is sound with fraexp merge into a new one"
+    )
 
 
 @pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")

@@ -9,6 +9,8 @@ from typing import ClassVar
 
 from sqlalchemy import Connection, Engine
 
+from fraexp.errors import StoreError
+
 WRITE_MODE = "fraexp_write"
 """Execution option of a transaction that writes: EXCLUSIVE or CONCURRENT."""
 EXCLUSIVE, CONCURRENT = "alone", "beside"
@@ -88,6 +90,10 @@ class Database(ABC):
     @abstractmethod
     def create(self) -> None:
         """Create the tables, completely or not at all, unless another process has just done so."""
+
+    def restore(self, source: "Database") -> str:
+        """Put a copy of another database in the place of this one; return what the earlier one is called now, or ""."""
+        raise StoreError(f"{self.name}: fraexp restores files; restore a server with pg_restore")
 
     @abstractmethod
     def tidy(self) -> None:

@@ -1,12 +1,15 @@
 """A SQLite file: one writer, and readers that cannot write; each failure is one sentence."""
 
 import os
+import shlex
 import sqlite3
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import count
 from pathlib import Path
 from typing import ClassVar
 
@@ -19,6 +22,7 @@ from fraexp.data.file_lock import try_lock
 from fraexp.errors import StoreError, UnavailableError
 from fraexp.store.backends.engine import EXCLUSIVE, WRITE_MODE, Database, compact_json
 from fraexp.store.backends.file_system import file_system_type, is_on_network
+from fraexp.store.damage import RESTORE_HINT
 from fraexp.store.tables import create_tables
 from fraexp.store.validation import parse_json
 
@@ -33,6 +37,13 @@ FOREIGN_OBJECTS_SQL = """
     LIMIT 1
 """
 """Finds what would run code of the database's author when tables are read or written."""
+IMMUTABLE_MODE = "mode=ro&immutable=1"
+"""Opens the file as if nothing were beside it, and leaves nothing there."""
+FILE_SUFFIXES = ("", "-wal", "-shm", "-journal")
+"""Endings of the database's files, its own first."""
+LOCKED_BYTES = (512, 0x40000000)
+"""Number of bytes, from an offset, that SQLite locks in a file; each open connection holds one of them."""
+DAMAGE_CODES = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 SQLITE_MAGIC = b"SQLite format 3\0"
 WAL_PRAGMAS = ("PRAGMA journal_mode = WAL", "PRAGMA synchronous = NORMAL")
 """Write-ahead log: readers and the writer do not wait for each other, and a killed process loses nothing."""
@@ -93,9 +104,43 @@ class SqliteFile(Database):
             raise StoreError(f"{self.path}: the folder is read-only; choose a database in a folder of yours")
         if self.path.exists() and not _is_writable(self.path):
             raise StoreError(f"{self.path}: the file is read-only; make it writable, or choose another database")
+        if self.has_foreign_log:
+            raise StoreError(self._foreign_log_text())
+
+    @cached_property
+    def has_foreign_log(self) -> bool:
+        """Whether the log beside the file belongs to another one, such as that in whose place a copy was put.
+
+        SQLite would write it into the file. It is recognised because the file is sound without it alone. This is
+        checked if the file was written after the log: a writer that dies has written the log last, or both alike.
+        """
+        try:
+            file, log = self.path.stat(), Path(f"{self.path.resolve()}-wal").stat()
+        except OSError:
+            return False
+        if not log.st_size or max(file.st_mtime_ns, file.st_ctime_ns) <= log.st_mtime_ns:
+            return False
+        return not self._is_sound("mode=ro") and self._is_sound(IMMUTABLE_MODE)
+
+    def _is_sound(self, query: str) -> bool:
+        try:
+            with closing(self.connect(query)) as connection:
+                finding = connection.execute("PRAGMA integrity_check(1)").fetchone()
+                return finding == ("ok",) and not connection.execute("PRAGMA foreign_key_check").fetchone()
+        except (sqlite3.Error, UnicodeDecodeError) as error:
+            return not isinstance(error, sqlite3.Error) or _error_code(error) not in DAMAGE_CODES
+
+    def _foreign_log_text(self) -> str:
+        name = shlex.quote(str(self.path))
+        return (
+            f"{self.path}: the log {self.path.name}-wal beside it belongs to another file; "
+            f"'fraexp restore {name} --db {name}' sets it aside"
+        )
 
     def advice(self) -> str:
-        """Return a warning if the database lies on a network."""
+        """Return a warning if the database lies on a network, or beside the log of another one."""
+        if self.has_foreign_log:
+            return self._foreign_log_text()
         folder = self.path.resolve().parent
         if not is_on_network(folder):
             return ""
@@ -111,6 +156,8 @@ class SqliteFile(Database):
 
     def reader(self) -> Engine:
         """Return an engine that cannot write."""
+        if self.has_foreign_log:
+            return self._create_engine(IMMUTABLE_MODE, ())
         if not _is_writable(self.path.resolve().parent):
             # SQLite reads a database with files beside it; if it cannot create them, nobody can be writing.
             return self._create_engine(self._read_mode(), ())
@@ -141,6 +188,24 @@ class SqliteFile(Database):
                     draft.path.touch()
                     draft._create_tables()
                     draft.path.replace(path)
+
+    def restore(self, source: Database) -> str:
+        if not isinstance(source, SqliteFile):
+            return super().restore(source)
+        path = self.path.resolve()
+        draft = path.with_name(f"{path.name}.new")
+        with _locked_folder(self), self.translated_errors():
+            _remove_files(draft)
+            try:
+                with closing(source.connect(source._read_mode())) as whole, closing(sqlite3.connect(draft)) as copy:
+                    whole.backup(copy)
+                    copy.execute("PRAGMA journal_mode = DELETE")  # a single file
+                with _sole_use(self.path):
+                    aside = _set_aside(path)
+                    draft.replace(path)
+            finally:
+                _remove_files(draft)
+        return aside
 
     def tidy(self) -> None:
         with self.translated_errors(), closing(self.connect("mode=rw")) as connection:
@@ -189,7 +254,8 @@ class SqliteFile(Database):
             undo = Path(f"{path}-journal").exists() and _is_writable(path.parent) and _is_writable(path)
             return "mode=rw" if undo else "mode=ro"
         # Without a log nobody uses the database, and it can be read without leaving files beside it.
-        return "mode=ro" if Path(f"{path}-wal").exists() else "mode=ro&immutable=1"
+        has_log = Path(f"{path}-wal").exists() and not self.has_foreign_log
+        return "mode=ro" if has_log else IMMUTABLE_MODE
 
     def _has_journal(self) -> bool:
         """Return whether the file is written with a rollback journal, not with a write-ahead log."""
@@ -242,8 +308,37 @@ class SqliteFile(Database):
 
 def _remove_files(path: Path) -> None:
     """Remove what an interrupted attempt has left: the file, and a log that would be applied to the next one."""
-    for suffix in ("", "-wal", "-shm", "-journal"):
+    for suffix in FILE_SUFFIXES:
         Path(f"{path}{suffix}").unlink(missing_ok=True)
+
+
+def _set_aside(path: Path) -> str:
+    """Rename a database with its log, and return the new name; empty if there is none."""
+    if not path.exists():
+        return ""
+    free = next(name for n in count(1) if not (name := path.with_name(f"{path.name}.before-{n}")).exists())
+    for suffix in FILE_SUFFIXES:
+        file = Path(f"{path}{suffix}")
+        if file.exists():
+            file.rename(f"{free}{suffix}")
+    return str(free)
+
+
+@contextmanager
+def _sole_use(path: Path) -> Iterator[None]:
+    """Keep other processes from opening a database; StoreError if one has it open."""
+    if sys.platform == "win32" or not path.exists():  # Windows renames no file that is open
+        yield
+        return
+    import fcntl
+
+    with path.open("r+b") as stream:
+        try:
+            fcntl.lockf(stream, fcntl.LOCK_EX | fcntl.LOCK_NB, *LOCKED_BYTES)
+        except BlockingIOError:
+            remedy = "end the run ('fraexp stop'), or close the terminal UI"
+            raise StoreError(f"{path}: another process has the database open; {remedy}") from None
+        yield
 
 
 def _begin(connection: Connection) -> None:
@@ -257,7 +352,7 @@ def _is_writable(path: Path) -> bool:
     return os.access(path, os.W_OK, effective_ids=os.access in os.supports_effective_ids)
 
 
-DAMAGED_MESSAGE = "the database is damaged ({}); restore a copy, or save what fraexp doctor calls sound by fraexp merge"
+DAMAGED_MESSAGE = f"the database is damaged ({{}}); {RESTORE_HINT}"
 
 
 def _error_code(error: BaseException | None) -> int:
@@ -280,7 +375,7 @@ def _error_text(error: BaseException | None) -> str:
             return "the database cannot be opened; check that file and folder exist and may be written"
         case sqlite3.SQLITE_FULL | sqlite3.SQLITE_IOERR:
             return f"the disk is full or fails ({error}); make room and run again"
-        case sqlite3.SQLITE_CORRUPT | sqlite3.SQLITE_NOTADB:
+        case code if code in DAMAGE_CODES:
             return DAMAGED_MESSAGE.format(error)
     return " ".join(str(error).split()) or "the database failed"
 
