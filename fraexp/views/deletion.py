@@ -14,9 +14,18 @@ def deletion_text(runs: int, sweeps: int) -> str:
     return f"{plural(runs, 'run')} and {plural(sweeps, 'sweep')}" if runs else plural(sweeps, "sweep")
 
 
-def sweep_loss_text(store: Store, keys: Sequence[str]) -> str:
-    """Return in words what is lost when sweeps are deleted."""
-    lost = f"{plural(len(keys), 'sweep')} with results, also in the runs that have {'it' if len(keys) == 1 else 'them'}"
+def hidden_text(store: Store, keys: Sequence[str], wanted: str) -> str:
+    """Return how many of the sweeps a filter hides, to follow their number: ``, 2 of them hidden by the filter``."""
+    hidden = len(set(keys).difference(store.keys(wanted))) if wanted.strip() else 0
+    count = "" if len(keys) == 1 else "all of them " if hidden == len(keys) else f"{hidden:,} of them "
+    return f", {count}hidden by the filter" if hidden else ""
+
+
+def sweep_loss_text(store: Store, keys: Sequence[str], wanted: str = "") -> str:
+    """Return in words what is lost when sweeps are deleted, and how many of them a filter hides."""
+    hidden, them = hidden_text(store, keys, wanted), "it" if len(keys) == 1 else "them"
+    comma = "," if hidden else ""
+    lost = f"{plural(len(keys), 'sweep')}{hidden}{comma} with results, also in the runs that have {them}"
     if len(keys) > MAX_DETAILED_SWEEPS:
         return f"{lost}; with their tags and notes"
     sweeps = [store.find(key) for key in keys]
@@ -26,7 +35,7 @@ def sweep_loss_text(store: Store, keys: Sequence[str]) -> str:
     told = [
         *([f"computed in {duration_text(took)}"] if took else []),
         *([f"tagged {', '.join(tags)}"] if tags else []),
-        *([f"{plural(notes, 'note')} on {'it' if len(keys) == 1 else 'them'}"] if notes else []),
+        *([f"{plural(notes, 'note')} on {them}"] if notes else []),
     ]
     return "; ".join([lost, *told])
 

@@ -35,6 +35,9 @@ def test_a_run_is_deleted_only_if_that_is_confirmed(workspace):
         await pilot.press("D", "y")
         await until(pilot, lambda: len(app.screen.runs) == 1)
         await shows(pilot, "quick")
+        await pilot.press("u")
+        await until(pilot, lambda: len(app.screen.runs) == 2)
+        await shows(pilot, "failing")
 
     pilot_of(workspace, steps)
 

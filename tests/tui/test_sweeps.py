@@ -273,6 +273,28 @@ def test_deletion_says_what_is_lost_and_happens_only_if_confirmed(workspace, key
     pilot_of(workspace, steps)
 
 
+def test_the_question_counts_what_the_filter_hides_and_u_brings_back_what_was_deleted(workspace):
+    async def steps(app, pilot):
+        table = await opened(app, pilot)
+        everything = set(table.keys)
+        await pilot.press("a", "slash", *"conventional", "enter")
+        await shows(pilot, "rows 1-2 of 2")
+        await pilot.press("D")
+        await shows(pilot, "Delete 5 sweeps, 3 of them hidden by the filter, with results")
+        await pilot.press("y")
+        await shows(pilot, "No sweep matches conventional")
+        await pilot.press("u")
+        await shows(pilot, "rows 1-2 of 2")
+        await pilot.press("slash", "escape")
+        await until(pilot, lambda: set(table.keys) == everything)
+        await pilot.press("slash", *"conventional", "enter")
+        await shows(pilot, "rows 1-2 of 2")
+        await pilot.press("a", "D")
+        await shows(pilot, "Delete 2 sweeps with results")
+
+    pilot_of(workspace, steps)
+
+
 @pytest.mark.thorough
 def test_without_a_database_it_says_how_to_make_one(tmp_path):
     async def steps(app, pilot):

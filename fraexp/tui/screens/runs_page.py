@@ -14,6 +14,7 @@ from fraexp.tui.screens.run_page import RunPage
 from fraexp.tui.widgets.filter_line import FilteredPage, FilterLine
 from fraexp.tui.widgets.paged_table import PagedTable, TableRows
 from fraexp.tui.widgets.preview_plot import SidePreview, selected_run
+from fraexp.tui.widgets.tagging import UndeletingPage
 from fraexp.views.fields import MIN_SILENCE_S, run_duration_text, run_state_text
 from fraexp.views.listing import Column, time_text
 from fraexp.views.run_progress import bar_text, done_fraction, finished_count
@@ -55,7 +56,7 @@ def _state_text(run: RunSummary) -> str:
     return f"running {bar_text(done_fraction(run), BAR_WIDTH)}"
 
 
-class RunsPage(FilteredPage):
+class RunsPage(FilteredPage, UndeletingPage):
     """All runs."""
 
     PLACE: ClassVar[str] = "runs"
@@ -145,10 +146,7 @@ Enter opens a run: its sweeps, its log, and the keys that stop it or start it ag
         self.run_worker(self._delete_run(number), group="delete")
 
     async def _delete_run(self, number: int) -> None:
-        gone = await self.fetch(self.app.backend.write(lambda store: store.delete(runs=[number])), self._show_refusal)
+        gone = await self.fetch(self.app.backend.write(lambda store: store.delete(runs=[number])), self.show_refusal)
         if gone is not None:
-            self.app.notify(f"run {number} deleted, with {plural(gone, 'sweep')}", markup=False)
+            self.app.notify(f"run {number} deleted, with {plural(gone, 'sweep')}; u brings it back", markup=False)
             self.reload()
-
-    def _show_refusal(self, text: str) -> None:
-        self.app.notify(text, title="not deleted", severity="error", markup=False)

@@ -73,6 +73,10 @@ is searched in all fields. Tab completes names.
         """Return the key of the sweep under the cursor."""
         return self.table.key
 
+    def filter_text(self) -> str:
+        """Return the filter, which may hide marked sweeps."""
+        return self.table.filter
+
     async def load(self) -> None:
         """Show the sweeps, or why there are none."""
         self._command()

@@ -1,4 +1,4 @@
-"""Tags, notes and deletion of sweeps, for all screens that show sweeps."""
+"""Tags, notes, deletion and undeletion, for all screens that show sweeps or runs."""
 
 from collections.abc import Callable
 from typing import Any, ClassVar
@@ -10,11 +10,39 @@ from fraexp.store import Store
 from fraexp.store.queries.annotations import check_tag
 from fraexp.tui.dialogs import ConfirmDialog, InputDialog
 from fraexp.tui.page import Page
-from fraexp.views.deletion import sweep_loss_text
+from fraexp.views.deletion import deletion_text, hidden_text, sweep_loss_text
 from fraexp.views.words import plural, short_key
 
 
-class TaggingPage(Page):
+class UndeletingPage(Page):
+    """A screen on which something can be deleted."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("u", "undelete", "undelete", show=False, tooltip="bring back what was deleted last"),
+    ]
+
+    async def action_undelete(self) -> None:
+        """Bring back what was deleted last."""
+        done = await self.fetch(self.app.backend.write(_undelete_last), self.show_refusal)
+        if done is not None:
+            self.app.notify(done)
+            self.reload()
+
+    def show_refusal(self, text: str) -> None:
+        """Show why something was not done."""
+        self.app.notify(text, title="nothing was changed", severity="error", markup=False, timeout=10)
+
+
+def _undelete_last(store: Store) -> str:
+    """Bring back the latest deletion of which something can come back, and return in words what did."""
+    for deletion in store.trash():
+        restored = store.undelete(deletion.keys, deletion.runs)
+        if restored.runs or restored.keys:
+            return f"{deletion_text(len(restored.runs), len(restored.keys))} brought back"
+    return "nothing to bring back: the trash is empty, or its sweeps were computed again"
+
+
+class TaggingPage(UndeletingPage):
     """A screen with a sweep under the cursor; actions apply to the marked sweeps, if there are any."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -33,18 +61,23 @@ class TaggingPage(Page):
         current = self.current()
         return list(self.app.marks) or ([current] if current else [])
 
+    def filter_text(self) -> str:
+        """Return the filter of the list, which may hide marked sweeps; empty without one."""
+        return ""
+
     def handle_deletion(self) -> None:
         """Update the screen after sweeps were deleted."""
         self.reload()
 
     async def action_tag(self) -> None:
         """Add a tag to sweeps."""
-        keys = self.selected_keys()
-        known = await self._ask_store(lambda store: store.tags()) if keys else None
-        if known is None:
+        keys, wanted = self.selected_keys(), self.filter_text()
+        found = await self._ask_store(lambda store: (store.tags(), hidden_text(store, keys, wanted))) if keys else None
+        if found is None:
             return
+        known, hidden = found
         used = f" Existing tags: {', '.join(known)}." if known else ""
-        question = f"Tag for {_sweeps_text(keys)} (one word)?{used}"
+        question = f"Tag for {_sweeps_text(keys)}{hidden} (one word)?{used}"
 
         def apply_answer(name: str | None) -> None:
             if name:
@@ -54,10 +87,11 @@ class TaggingPage(Page):
 
     async def action_untag(self) -> None:
         """Remove a tag from sweeps."""
-        keys = self.selected_keys()
-        known = await self._ask_store(lambda store: store.tags()) if keys else None
-        if known is None:
+        keys, wanted = self.selected_keys(), self.filter_text()
+        found = await self._ask_store(lambda store: (store.tags(), hidden_text(store, keys, wanted))) if keys else None
+        if found is None:
             return
+        known, hidden = found
         if not known:
             self.app.notify("no sweep has a tag")
             return
@@ -70,10 +104,8 @@ class TaggingPage(Page):
                 done = f"{_sweeps_text(keys)}: tag {name.strip()} removed"
                 self._change(lambda store: store.untag(keys, name.strip()), done)
 
-        self.app.push_screen(
-            InputDialog(f"Remove which tag from {_sweeps_text(keys)}? {', '.join(known)}", check=fault, offered=known),
-            apply_answer,
-        )
+        question = f"Remove which tag from {_sweeps_text(keys)}{hidden}? {', '.join(known)}"
+        self.app.push_screen(InputDialog(question, check=fault, offered=known), apply_answer)
 
     async def action_note(self) -> None:
         """Edit the note of the sweep under the cursor."""
@@ -90,26 +122,27 @@ class TaggingPage(Page):
 
     async def action_delete(self) -> None:
         """Delete sweeps after confirmation."""
-        keys = self.selected_keys()
-        loss = await self._ask_store(lambda store: sweep_loss_text(store, keys)) if keys else None
+        keys, wanted = self.selected_keys(), self.filter_text()
+        loss = await self._ask_store(lambda store: sweep_loss_text(store, keys, wanted)) if keys else None
         if loss is None:
             return
 
         def apply_answer(yes: bool | None) -> None:
             if yes:
-                self._change(lambda store: store.delete(keys), f"{plural(len(keys), 'sweep')} deleted", keys)
+                done = f"{plural(len(keys), 'sweep')} deleted; u brings {'it' if len(keys) == 1 else 'them'} back"
+                self._change(lambda store: store.delete(keys), done, keys)
 
         self.app.push_screen(ConfirmDialog(f"Delete {loss}?"), apply_answer)
 
     async def _ask_store(self, question: Callable[[Store], Any]) -> Any:
-        return await self.fetch(self.app.backend.read(question), self._show_fault)
+        return await self.fetch(self.app.backend.read(question), self.show_refusal)
 
     def _change(self, action: Callable[[Store], Any], done: str, deleted: list[str] | None = None) -> None:
         async def change() -> None:
             faults: list[str] = []
             await self.fetch(self.app.backend.write(action), faults.append)
             if faults:
-                self._show_fault(faults[0])
+                self.show_refusal(faults[0])
                 return
             self.app.notify(done, markup=False)
             if deleted is None:
@@ -121,9 +154,6 @@ class TaggingPage(Page):
 
         changing: Callable[[], object] = change
         self.run_worker(changing, group="change")
-
-    def _show_fault(self, text: str) -> None:
-        self.app.notify(text, severity="error", markup=False, timeout=10)
 
 
 def _tag_fault(name: str) -> str:
