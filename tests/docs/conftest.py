@@ -31,8 +31,7 @@ OWN_LAW = (
     " --set excitation.points="
 )
 PLANNED = ("fraexp run paper", "fraexp run methods/comparison")
-"""Commands of the README that are only planned: following it must not take long, and
-tests/reports/test_html_report.py and tests/study/test_study_runs.py run them."""
+"""Commands that are only planned: tests/reports/test_html_report.py and tests/study/test_study_runs.py run them."""
 REDUCED = {
     f"{OWN_LAW}20": f"{OWN_LAW}8",
     "fraexp run amplitudes": "fraexp run amplitudes --set excitation.points=4 --executor serial",
@@ -72,9 +71,9 @@ def commands(block: Block) -> list[str]:
     return [line for line in lines if line and not line.startswith("make ")]
 
 
-def reduced(command: str, page: str) -> str:
+def reduced(command: str) -> str:
     """Return a command with a smaller study, if it is one that takes long; all others run as they are written."""
-    if page == "README.md" and command in PLANNED:
+    if command in PLANNED:
         return f"{command} --dry-run"
     for long, short in REDUCED.items():
         if command == long or command.startswith((f"{long} --", f"{long} >")):
@@ -105,7 +104,7 @@ def follow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Follow:
                 execute([sys.executable, "-c", block.text], tmp_path)
             elif block.language == "sh":
                 for line in commands(block):
-                    command = reduced(line, page).replace("KEY", some_key(tmp_path))
+                    command = reduced(line).replace("KEY", some_key(tmp_path))
                     if printed and not needs_shell(command):
                         printed[line] = call(shlex.split(command)[1:])
                     else:
