@@ -163,6 +163,19 @@ def test_frequencies_that_become_the_same_one_are_refused(excitation, message):
         excitation.check(TS)
 
 
+@pytest.mark.parametrize(("lowest", "highest"), [(1, 200), (100, 101), (5, 900)])
+def test_the_number_of_points_that_fits_is_named_and_fits(lowest, highest):
+    def sines(points: int) -> SteppedSine:
+        return SteppedSine(amplitude=1, min_frequency=lowest, max_frequency=highest, points=points, min_record_time=0)
+
+    with pytest.raises(ParameterError, match=r"lower 'points' to [\d,]+ or fewer") as caught:
+        sines(6000).check(TS)
+    fitting = int(re.findall(r"([\d,]+) or fewer", str(caught.value))[0].replace(",", ""))
+    sines(fitting).check(TS)
+    periods = sines(fitting).periods(TS)
+    assert len({period.lines[0] / period.waveform.size for period in periods}) == fitting
+
+
 def test_frequencies_that_are_close_but_stay_apart_are_run():
     excitation = SteppedSine(amplitude=1, frequencies=(200.0, 200.2, 20.0))
     excitation.check(TS)

@@ -96,11 +96,12 @@ class SteppedExcitation(SettledExcitation, ABC):
             block = self.block(frequency, sample_time)
             moved = Fraction(block.cycles, block.samples)
             if moved in first_with:
+                fitting = 1 + int(np.log(grid[-1] / grid[0]) / -np.log1p(-MAX_JOINT_SHIFT))
                 raise ParameterError(
                     f"{self.name} has {first_with[moved]:.10g} and {frequency:.10g} Hz, and both become "
                     f"{float(moved) / sample_time:.10g} Hz, where whole periods fit into whole samples of "
                     f"{sample_time:g} s; expected frequencies farther apart, by {MAX_JOINT_SHIFT:.1%} or more: "
-                    + ("leave one of them out" if self.frequencies else "lower 'points'")
+                    + ("leave one of them out" if self.frequencies else f"lower 'points' to {fitting:,} or fewer")
                 )
             first_with[moved] = frequency
 
