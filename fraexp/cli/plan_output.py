@@ -5,6 +5,7 @@ from collections.abc import Collection
 from fraexp.cli.output import print_table
 from fraexp.data.rotary_axes import is_rotary
 from fraexp.measurement.measurement_plan import MeasurementPlan
+from fraexp.measurement.watched_machine import drive_note
 from fraexp.simulation.motion_limits import Demand
 from fraexp.views.measurement_texts import demand_names, demand_units, plan_cells, plan_heads, plan_total
 
@@ -33,6 +34,9 @@ def print_plan(plan: MeasurementPlan, kept: Collection[int] = ()) -> None:
         ],
     )
     print(f"\n{plan_total(plan, kept)}")
+    machine = plan.task.settings.machine if plan.task.settings else None
+    if machine is not None and (note := drive_note(machine.name, machine.can_disable)):
+        print(note)
 
 
 def plan_document(plan: MeasurementPlan) -> dict[str, object]:

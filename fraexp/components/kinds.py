@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from pydantic.fields import FieldInfo
 
 from fraexp.components.law_check import check_law
 from fraexp.components.law_step import argument_names, explained_calls
-from fraexp.components.machine_session import MachineSession
+from fraexp.components.machine_session import MachineSession, offers_disable
 from fraexp.components.method_overrides import check_overrides
 from fraexp.components.parameters import Parameters
 from fraexp.components.periods import Period, Schedule
@@ -380,6 +380,15 @@ class MachineDriver(Component, ABC):
     def address(self, folder: Path) -> str:
         """Return what tells the machine from others, so that one process at a time plays on it; empty: nothing does."""
         return ""
+
+    @property
+    def can_disable(self) -> bool | None:
+        """Whether its sessions can switch the drive off, by the class that `connect` says it returns; None if it says
+        none.
+        """
+        session = get_type_hints(type(self).connect).get("return")
+        is_known = isinstance(session, type) and session is not MachineSession
+        return offers_disable(session) if is_known and session is not None else None
 
 
 KINDS: tuple[type[Component], ...] = (

@@ -9,6 +9,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.errors import MachineError
+
 
 @dataclass(frozen=True)
 class MachineDescription:
@@ -106,6 +108,19 @@ class MachineSession(ABC):
     def stop(self) -> None:
         """Let the excitation go to 0 within the ramp out of the play; nothing happens to a machine at rest."""
 
+    def disable(self) -> None:
+        """Switch the drive off until somebody enables it again; the play that runs ends.
+
+        A stop ends the excitation alone: it leaves a loop closed that runs away by itself. A machine that cannot
+        switch its drive off leaves this out.
+        """
+        raise MachineError("the drive of this machine cannot be switched off over its connection")
+
+    @property
+    def can_disable(self) -> bool:
+        """Whether the machine offers `disable`."""
+        return offers_disable(type(self))
+
     def close(self) -> None:
         """Stop the machine, and release the connection."""
         self.stop()
@@ -117,3 +132,8 @@ class MachineSession(ABC):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def offers_disable(session: type[MachineSession]) -> bool:
+    """Return whether sessions of a class can switch the drive off."""
+    return session.disable is not MachineSession.disable

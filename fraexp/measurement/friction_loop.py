@@ -1,22 +1,23 @@
 """The friction loop of an unknown axis: a slow sine that grows until the axis slides, or comes near a limit."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.analysis.quantisation import grid_step
-from fraexp.components.machine_session import MachineSession, PlayRequest
+from fraexp.components.machine_session import PlayRequest
 from fraexp.components.periods import Period
 from fraexp.data.sample_file import SampleWriter
-from fraexp.errors import ConnectionLostError, MachineError
-from fraexp.measurement.motion_guard import MotionGuard
+from fraexp.errors import MachineError
+from fraexp.measurement.measured_points import store_chunk
+from fraexp.measurement.motion_guard import LimitExceededError
 from fraexp.measurement.unknown_axis import UnknownAxis
+from fraexp.measurement.watched_machine import WatchedMachine
 
 LOOP_HZ = 2.0
 """Frequency of the slow sine."""
-SILENCE_S = 0.5
-"""Time at rest in which the noise shows."""
 CYCLES, START_RATIO = 48, 1e-3
 """Cycles in which the sine grows to the limit of the force, and its part of that at the start: it grows by 16 % in a
 cycle, and by little until a limit that comes near has stopped it."""
@@ -26,8 +27,8 @@ CLOSED_RATIO, SLIDING_RATIO = 0.5, 0.5
 """Friction over the peak force that a loop reaches before it slides, and below which it falls when it slides."""
 MIN_DRY_RATIO = 0.1
 """Dry part of the friction force below which it is not told from the rest: then no cycle has slid."""
-MIN_MOTION = 30.0
-"""Motion over noise from which a loop is looked at."""
+MIN_MOTION, STANDSTILL = 30.0, 8.0
+"""Motion over noise from which a loop is looked at, and up to which an axis stands: noise itself has a range."""
 FREE_RATIO = 1 / 6
 """Greatest amplitude that is taken for friction where no loop closes, over that at which a limit came near."""
 
@@ -54,19 +55,19 @@ class FrictionLoop:
 
 
 def measure_friction_loop(
-    axis: UnknownAxis, session: MachineSession, writer: SampleWriter, period: Period
+    axis: UnknownAxis, machine: WatchedMachine, writer: SampleWriter, period: Period
 ) -> FrictionLoop:
     """Play a slow sine from nothing on until the friction loop has closed; all of it is stored first.
 
-    Raises MachineError where the axis does not move at all within its limits.
+    Raises MachineError where the axis does not move at all within its limits, or moves by itself.
     """
-    rest = _record_play(axis, session, writer, PlayRequest(0, np.zeros(round(SILENCE_S / axis.sample_time)), 1), None)
-    noise = float(np.std(rest[0]))
+    rest = machine.rest
+    noise = float(np.std(rest))
     force_limit = axis.limits.force
     assert force_limit is not None
-    watch = _LoopWatch(period.waveform.size, max(noise, grid_step(rest[0])))
+    watch = _LoopWatch(period.waveform.size, max(noise, grid_step(rest)))
     wave = axis.share * force_limit * growing_wave(period.waveform)
-    motion = _record_play(axis, session, writer, PlayRequest(1, wave, 1, ramp_out=axis.ramp_out), watch)
+    motion = _record_play(machine, writer, PlayRequest(1, wave, 1, ramp_out=axis.ramp_out), watch)
     return watch.loop(noise, grid_step(motion[0]))  # at rest an encoder may show one of its steps alone
 
 
@@ -134,13 +135,25 @@ class _LoopWatch:
         dry = (before * last - now * earlier) / (last - earlier) if last > earlier else now
         return min(dry, now)
 
+    def _standstill_text(self) -> str:
+        """Return what a record without a loop shows; only an axis that stands lets a limit be raised."""
+        swing, peak = max(self.swings, default=0.0), max(self.peaks, default=0.0)
+        if not self.swings:
+            return "a limit was reached within the first cycle: compare limits, and units of y and u, with the axis"
+        if swing > STANDSTILL * self._noise:
+            return (
+                f"the axis moves by {swing:.3g} m up to {peak:.4g} N, which is too little beside the noise of "
+                f"{self._noise:.3g} m to show its friction: a finer encoder is needed"
+            )
+        return (
+            f"the axis does not move within its limits: nothing but noise was recorded up to {peak:.4g} N; enable the "
+            "drive, release the brake, check the encoder, or raise limits.force"
+        )
+
     def loop(self, noise: float, resolution: float) -> FrictionLoop:
         """Return what all cycles show."""
         if not self.peaks or not any(self.forces):
-            raise MachineError(
-                "the axis does not move within its limits: nothing but noise was recorded up to "
-                f"{max(self.peaks, default=0.0):.4g} N; raise limits.force, or check the drive"
-            )
+            raise MachineError(self._standstill_text())
         dry, now, free = self.dry_force(), self.forces[-1], FREE_RATIO * self.peaks[-1]
         took_most = bool(self.ratios.max() > CLOSED_RATIO)
         slides = took_most or dry > free  # of a heavy axis mass takes the most, and bristles may still bend
@@ -149,25 +162,16 @@ class _LoopWatch:
 
 
 def _record_play(
-    axis: UnknownAxis, session: MachineSession, writer: SampleWriter, request: PlayRequest, watch: _LoopWatch | None
+    machine: WatchedMachine, writer: SampleWriter, request: PlayRequest, watch: _LoopWatch
 ) -> NDArray[np.float64]:
     """Return position and control input of a play, shape (2, n), which ends when the watch is content or at a limit."""
-    guard, play = MotionGuard(axis.limits, axis.sample_time, axis.share), writer.last_play() + 1
-    guard.begin(LOOP_HZ)
-    names = [name for name in writer.header.units if name in session.description.channels]
-    found, count, is_over = [np.empty((2, 0))], 0, False
-    for chunk in session.play(request):
-        if chunk.start != count:
-            raise ConnectionLostError(f"samples {count} to {chunk.start} are missing")
-        rows = np.array([chunk.channels[name] for name in names])
-        writer.append(np.vstack([np.full(chunk.size, float(play)), rows]).T)
-        count += chunk.size
-        found.append(np.array([chunk.channels["y"], chunk.channels["u"]]))
-        if guard.look(chunk):
-            is_over = True
-        if not is_over and watch is not None:
-            whole = np.concatenate(found, axis=1)
-            is_over = watch.look(whole[0], whole[1])
-        if is_over:
-            session.stop()
-    return np.concatenate(found, axis=1)
+    found, play, is_over = np.empty((2, 0)), writer.last_play() + 1, False
+    with suppress(LimitExceededError):  # it was stopped, and shows friction up to there
+        for chunk in machine.play(request, LOOP_HZ):
+            store_chunk(writer, play, chunk)
+            found = np.hstack([found, [chunk.channels["y"], chunk.channels["u"]]])
+            is_over = is_over or machine.fault is not None
+            if not is_over and watch.look(*found):
+                machine.stop()
+                is_over = True
+    return found

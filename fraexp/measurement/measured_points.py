@@ -8,6 +8,10 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.components.machine_session import Chunk
 from fraexp.data.identity import digest_of
 from fraexp.data.sample_file import SampleHeader, SampleWriter, create_sample_file, read_header
 from fraexp.errors import RecordError, StudyError
@@ -194,6 +198,13 @@ class MeasurementFiles:
                 return
             except RecursionError:
                 raise RecordError(f"{self.log}: it is no log of a measurement") from None
+
+
+def store_chunk(writer: SampleWriter, play: int, chunk: Chunk) -> NDArray[np.float64]:
+    """Append what was recorded in a play, and return it without the number of the play, shape (channels, n)."""
+    rows = np.array([chunk.channels[name] for name in writer.header.units if name != PLAY_COLUMN])
+    writer.append(np.vstack([np.full(chunk.size, float(play)), rows]).T)
+    return rows
 
 
 def _aside_path(file: Path) -> Path:

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from fraexp.components.machine_session import MachineDescription, MachineSession
+from fraexp.components.machine_session import MachineDescription
 from fraexp.components.measurement_settings import MeasurementSettings
 from fraexp.components.registry import Registry
 from fraexp.data.rotary_axes import is_rotary
@@ -21,17 +21,16 @@ from fraexp.measurement.measurement_plan import (
     check_points,
     plan_measurement,
 )
-from fraexp.measurement.motion_guard import MotionGuard
+from fraexp.measurement.motion_guard import LimitExceededError
 from fraexp.measurement.play_demands import Report, simulate_demands
 from fraexp.measurement.point_measurement import (
-    LimitExceededError,
     PointMeasurement,
     PointProgress,
     RecordAim,
     UnsettledError,
 )
-from fraexp.measurement.si_session import connect_in_si
 from fraexp.measurement.tasks import MeasurementTask
+from fraexp.measurement.watched_machine import WatchedMachine, connect_watched, drive_note
 
 AMPLITUDE_AFTER_LIMIT, MAX_LOWERED = 0.8, 0.7
 """Part of a limit at which a point is played again that exceeded it, and the greatest factor on its amplitude."""
@@ -97,7 +96,7 @@ class Measurement:
         self, task: MeasurementTask, settings: MeasurementSettings, files: MeasurementFiles, folder: Path
     ) -> None:
         self._task, self._settings, self._files, self._folder = task, settings, files, folder
-        self._session: MachineSession
+        self._machine: WatchedMachine
 
     def events(
         self,
@@ -112,16 +111,20 @@ class Measurement:
         The plan is that of the task, unless another one is given. With `fresh`, points of an earlier measurement are
         discarded as soon as the machine is there and the plan is within its limits. `report` is told how far a plan is.
         """
-        self._session = self._connect()
+        self._share = planned.limit_share if planned else 1.0
+        self._machine = self._connect()
         try:
-            description = self._session.description
+            description = self._machine.description
             check_description(description, self._task)
             plan = planned or plan_measurement(self._task, registry, description.limits, report)
+            note = drive_note(self._settings.machine.name, self._machine.can_disable)
+            if note and planned is None:
+                yield MeasurementNotice(note)
             header = SampleHeader(description.sample_time, {PLAY_COLUMN: "", **description.channels})
             with self._files.open_samples(self._task, header, fresh) as writer:
                 yield from self._all_points(plan, writer, judge)
         finally:
-            self._session.close()
+            self._machine.close()
 
     def _all_points(self, plan: MeasurementPlan, writer: SampleWriter, judge: JudgeBand) -> Iterator[MeasurementEvent]:
         lost = self._files.drop_lost(writer.rows)
@@ -130,12 +133,13 @@ class Measurement:
         yield MeasurementBegun(plan, tuple(kept))
         for each in lost:
             yield MeasurementNotice(f"{each.frequency}: measured again, because its samples never reached the disk")
-        self._guard = MotionGuard(plan.limits, writer.header.sample_time, plan.limit_share)
         self._plays, self._limits = writer.last_play(), plan.limits
         self._strongest = max(point.rms for point in plan.points)
         spent, total = sum(point.machine_time for point in kept), len(plan.points)
         done = {point.number for point in kept}
         waiting = [point for point in plan.points if point.number not in done]
+        if waiting:
+            self._machine.await_rest()  # nobody has watched it while the plan was made
         played = expected = 0.0
         for place, point in enumerate(waiting):
             found = yield from self._point(point, writer, judge)
@@ -147,6 +151,8 @@ class Measurement:
             )
             left = sum(map(_seconds, waiting[place + 1 :])) * played / expected
             yield PointMeasured(found, len(kept) + place + 1, total, spent, left)
+        if waiting and self._machine.description.is_live:
+            self._machine.await_rest()
 
     def _point(
         self, point: PlannedPoint, writer: SampleWriter, judge: JudgeBand
@@ -162,7 +168,7 @@ class Measurement:
                 yield MeasurementNotice(f"{point.frequency}: played again, because {reason}")
             self._plays += 1
             reserve = SETTLING_RESERVE * 2**attempt  # of a machine that must know before how long to play
-            play = PointMeasurement(point, self._session, writer, self._guard, aim, self._plays, reserve)
+            play = PointMeasurement(point, self._machine, writer, aim, self._plays, reserve)
             try:
                 yield from play
             except (ConnectionLostError, UnsettledError) as error:
@@ -229,11 +235,12 @@ class Measurement:
 
     def _reconnect(self) -> None:
         with suppress(MachineError):
-            self._session.close()
-        self._session = self._connect()
+            self._machine.close()
+        self._machine = self._connect()
 
-    def _connect(self) -> MachineSession:
-        return connect_in_si(self._settings.machine, self._folder, is_rotary(self._task.experiment))
+    def _connect(self) -> WatchedMachine:
+        rotary = is_rotary(self._task.experiment)
+        return connect_watched(self._settings, self._folder, rotary, self._task.limits, self._share)
 
 
 def gathered(notes: Sequence[str]) -> list[str]:

@@ -11,15 +11,16 @@ from fraexp.analysis.confidence import confidence_limits
 from fraexp.analysis.fourier import phasors
 from fraexp.analysis.response import response_result
 from fraexp.analysis.visible_motion import moves_visibly
-from fraexp.components.machine_session import Chunk, MachineSession
+from fraexp.components.machine_session import Chunk
 from fraexp.data.results import FrequencyResponse
 from fraexp.data.sample_file import SampleWriter
 from fraexp.data.signals import Segment, Signals
 from fraexp.errors import ConnectionLostError, LimitError, MachineError
-from fraexp.measurement.measured_points import MeasuredPoint
+from fraexp.measurement.measured_points import PLAY_COLUMN, MeasuredPoint, store_chunk
 from fraexp.measurement.measurement_plan import PlannedPoint
-from fraexp.measurement.motion_guard import NOT_FINITE, MotionGuard
+from fraexp.measurement.motion_guard import LimitExceededError, RunawayError
 from fraexp.measurement.settling_monitor import SettlingMonitor
+from fraexp.measurement.watched_machine import WatchedMachine
 from fraexp.records.column_doubts import fault_finding
 from fraexp.records.loop_equation import FaultKind
 from fraexp.records.played_records import LoopController, judge_play
@@ -46,15 +47,6 @@ COMPENSATION_REMEDY = "switch it off while the machine is measured, or raise exc
 
 class UnsettledError(MachineError):
     """A play was too short: the machine settles more slowly than was predicted."""
-
-
-class LimitExceededError(MachineError):
-    """A limit was exceeded while a point was played; the machine has been stopped."""
-
-    def __init__(self, text: str, reached: float) -> None:
-        super().__init__(text)
-        self.reached = reached
-        """Part of the limit that was reached."""
 
 
 @dataclass(frozen=True)
@@ -94,21 +86,20 @@ class PointMeasurement:
     def __init__(
         self,
         point: PlannedPoint,
-        session: MachineSession,
+        machine: WatchedMachine,
         writer: SampleWriter,
-        guard: MotionGuard,
         aim: "RecordAim",
         play: int,
         reserve: float,
     ) -> None:
-        self._point, self._session, self._writer, self._guard = point, session, writer, guard
+        self._point, self._machine, self._writer, self._guard = point, machine, writer, machine.guard
         self._goal, self._record, self._longest, self._is_patient = aim
         self._play, self.is_hopeless = play, False
-        self._is_live = session.description.is_live
+        self._is_live = machine.description.is_live
         expected = point.expected_request(self._record, reserve)
         self._request = point.request(self._longest) if self._is_live else expected
         self._monitor = SettlingMonitor(point.counts, point.may_drift)
-        self._channels = [name for name in writer.header.units if name in session.description.channels]
+        self._channels = [name for name in writer.header.units if name != PLAY_COLUMN]
         self._samples = np.empty((len(self._channels), self._request.samples))
         self._count, self._periods, self._next_look = 0, 0, 0
         self._rest = writer.rows
@@ -124,23 +115,24 @@ class PointMeasurement:
 
     def __iter__(self) -> Iterator[PointProgress]:
         """Play; LimitExceededError, UnsettledError or ConnectionLostError if it was of no use."""
-        period = self._point.period
+        period, count, is_over = self._point.period, 0, False
         highest = period.lines[-1] / (period.waveform.size * self._point.sample_time)
-        self._guard.begin(float(highest))
-        fault = wrong = ""
-        for chunk in self._session.play(self._request):
-            self._store(chunk)
-            if not fault and (fault := self._guard.look(chunk)):
-                wrong = self._wrong_channels()  # before the ramp out
-            is_over = fault or self._is_enough
-            if not is_over:
-                self._evaluate()
-            if fault or (self._is_enough and self._is_live):
-                self._session.stop()
-            if not is_over:
-                yield self._progress()
-        if fault:
-            raise self._stop_error(fault, wrong)
+        try:
+            for chunk in self._machine.play(self._request, float(highest)):
+                self._store(chunk)
+                if is_over:
+                    continue
+                count = self._count  # before the ramp out
+                if self._machine.fault is None:
+                    self._evaluate()
+                    yield self._progress()
+                is_over = self._is_enough or self._machine.fault is not None
+                if self._is_enough and self._is_live:
+                    self._machine.stop()
+        except MachineError as error:
+            if isinstance(error, ConnectionLostError):
+                raise
+            raise self._explained(error, self._wrong_channels(count)) from None
         is_complete = self._monitor.record_start is not None and self._periods > 0
         if self._stands(is_complete):
             raise self.standstill_error()
@@ -149,19 +141,19 @@ class PointMeasurement:
         if not is_complete:
             raise self._unsettled_error()
 
-    def _stop_error(self, fault: str, wrong: str) -> MachineError:
-        """Return the error that the machine was stopped for a fault, while its channels were wrong as stated."""
-        if fault.startswith(NOT_FINITE):
-            return MachineError(
-                f"{fault} at {self._point.frequency}, by sample {self._count} of its play; the machine was stopped: "
-                "mend what it records"
-            )
-        stopped = f"{fault} at {self._point.frequency}; the machine was stopped"
-        return LimitError(f"{stopped}: {wrong}") if wrong else LimitExceededError(stopped, self._guard.nearest())
+    def _explained(self, error: MachineError, wrong: str) -> MachineError:
+        """Return an error of the play with its place, and with what its channels were instead of u and y."""
+        text = f"at {self._point.frequency}: {error}"
+        if isinstance(error, RunawayError):
+            return RunawayError("; ".join(filter(None, [text, wrong])))
+        if not isinstance(error, LimitExceededError):
+            return type(error)(text)
+        stopped = f"{error} at {self._point.frequency}; the machine was stopped"
+        return LimitError(f"{stopped}: {wrong}") if wrong else LimitExceededError(stopped, error.reached)
 
     def _unsettled_error(self) -> MachineError:
         unsettled = f"in the {self.seconds:.3g} s that were played it did not settle in time for a record"
-        wrong = self._wrong_channels()
+        wrong = self._wrong_channels(self._count)
         if wrong:
             return MachineError(f"{self._point.frequency}: {unsettled}: {wrong}")
         return UnsettledError("; ".join(filter(None, (unsettled, self.noise_remark))))
@@ -202,9 +194,11 @@ class PointMeasurement:
             "the brake, enable the drive, check the encoder, or raise excitation.amplitude"
         )
 
-    def _wrong_channels(self) -> str:
-        """Return what the channels are instead of u and y, and the remedy; empty if they are right, or not known."""
-        setup, count = self._point.counts.experiment.setup, min(self._count, self._request.full_samples)
+    def _wrong_channels(self, count: int) -> str:
+        """Return what the channels are instead of u and y in so many samples, and the remedy; empty if they are right,
+        or not known.
+        """
+        setup, count = self._point.counts.experiment.setup, min(count, self._request.full_samples)
         controller = LoopController(setup.discrete.numerator[0], setup.discrete.denominator[0])
         u, y = (self._samples[self._channels.index(name), :count] for name in ("u", "y"))
         if count < MIN_JUDGED_SAMPLES or not np.isfinite(u + y).all():
@@ -229,10 +223,7 @@ class PointMeasurement:
 
     def _store(self, chunk: Chunk) -> None:
         """Store a chunk before it is used."""
-        if chunk.start != self._count:
-            raise ConnectionLostError(f"samples {self._count} to {chunk.start} are missing")
-        rows = np.array([chunk.channels[name] for name in self._channels])
-        self._writer.append(np.vstack([np.full(chunk.size, float(self._play)), rows]).T)
+        rows = store_chunk(self._writer, self._play, chunk)
         if chunk.note:
             self.notes.append(chunk.note)
         end = min(self._count + chunk.size, self._samples.shape[1])

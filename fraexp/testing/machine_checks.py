@@ -11,7 +11,7 @@ from fraexp.components.kinds import MachineDriver
 from fraexp.components.machine_session import Chunk, MachineSession, PlayRequest
 from fraexp.data import units
 from fraexp.errors import FraexpError, MachineError
-from fraexp.measurement.si_session import si_factors
+from fraexp.measurement.watched_machine import si_factors
 from fraexp.simulation.motion_limits import MotionLimits
 from fraexp.testing import example_loop
 from fraexp.testing.component_checks import registry_with

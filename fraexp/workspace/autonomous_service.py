@@ -19,9 +19,9 @@ from fraexp.measurement.measured_points import PLAY_COLUMN, MeasuredPoint, Measu
 from fraexp.measurement.measured_study import record_section, record_study
 from fraexp.measurement.measurement import Measurement, MeasurementEvent, MeasurementNotice, check_description
 from fraexp.measurement.measurement_plan import PlannedPoint
-from fraexp.measurement.si_session import connect_in_si
 from fraexp.measurement.tasks import MeasurementTask
 from fraexp.measurement.unknown_axis import UnknownAxis
+from fraexp.measurement.watched_machine import connect_watched, drive_note
 from fraexp.records.study_writer import renew_study
 from fraexp.simulation.motion_limits import MotionLimits
 from fraexp.study.resolution import Resolver
@@ -126,7 +126,7 @@ class AutonomousService:
 
     def _measure(self, fresh: bool) -> Generator[AutonomousEvent, None, None]:
         yield _stage_begun(0, f"a sine of {LOOP_HZ:g} Hz that rises until friction is overcome")
-        axis, task, loop = self._begin(fresh)
+        axis, task, loop = yield from self._begin(fresh)
         axis = replace(axis, noise=loop.position_noise)
         closes = f"closes at {loop.force:.4g} N" if loop.has_closed else f"does not close up to {loop.amplitude:.4g} N"
         noise, resolution = map(_length_text, (loop.noise, loop.resolution))
@@ -160,11 +160,16 @@ class AutonomousService:
         except FraexpError as error:
             raise type(error)(f"{self._file}, [measurement]: {error}") from None
 
-    def _begin(self, fresh: bool) -> tuple[UnknownAxis, MeasurementTask, FrictionLoop]:
+    def _begin(
+        self, fresh: bool
+    ) -> Generator[MeasurementNotice, None, tuple[UnknownAxis, MeasurementTask, FrictionLoop]]:
         """Connect, check what the machine says of itself, and measure the friction loop unless it is known already."""
         title = describe_study(self._name, self._file).title
-        with connect_in_si(self.settings.machine, self._service.folder, self.is_rotary) as session:
-            description = session.description
+        share = 1 - self.settings.margin
+        with connect_watched(self.settings, self._service.folder, self.is_rotary, self.limits, share) as machine:
+            description = machine.description
+            if note := drive_note(self.settings.machine.name, machine.can_disable):
+                yield MeasurementNotice(note)
             if not description.is_live:
                 raise MachineError(
                     f"{self._file}: of an unknown axis nothing can be predicted, and '{self.settings.machine.name}' "
@@ -183,7 +188,7 @@ class AutonomousService:
                 if noted is not None:
                     return axis, task, FrictionLoop(**noted)
                 (period,) = axis.sines([LOOP_HZ], self._service.registry)
-                found = measure_friction_loop(axis, session, writer, period)
+                found = measure_friction_loop(axis, machine, writer, period)
         self.files.note(NOTE, asdict(found))
         return axis, task, found
 

@@ -14,8 +14,10 @@ from fraexp_plugins.machines.folder import FolderMachine
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.components.machine_session import MachineSession, PlayRequest
+from fraexp.components.measurement_settings import MeasurementSettings
 from fraexp.errors import BusyError, ConnectionLostError, MachineError, ParameterError
-from fraexp.measurement.si_session import connect_in_si
+from fraexp.measurement.watched_machine import WatchedMachine, connect_watched
+from fraexp.simulation.motion_limits import MotionLimits
 from fraexp.testing.conformance_check import ViolationError
 from fraexp.testing.machine_checks import require_si
 from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
@@ -42,6 +44,11 @@ def program(folder: Path, text: str = PROGRAM.format(step=SAMPLE_TIME)) -> None:
 
 def command(*words: str) -> CommandMachine:
     return CommandMachine(program=("python3", "axis.py", *words), sample_time=SAMPLE_TIME)
+
+
+def connected(machine: CommandMachine, folder: Path) -> WatchedMachine:
+    limits = MotionLimits(stroke=1.0, velocity=1.0, force=100.0)
+    return connect_watched(MeasurementSettings(machine=machine), folder, False, limits)
 
 
 def expected_position() -> np.ndarray:
@@ -112,7 +119,7 @@ def test_noise_is_no_motion(workspace: WorkspaceService, monkeypatch: Any) -> No
 
 def test_samples_that_are_no_numbers_are_no_limit(workspace: WorkspaceService, monkeypatch: Any) -> None:
     monkeypatch.chdir(workspace.folder)
-    with pytest.raises(MachineError, match=r"not finite numbers in channel y at 100 Hz, .*: mend what it records$"):
+    with pytest.raises(MachineError, match=r"not finite numbers in channel y, .*: fix what it records$"):
         measured_in(workspace, '["m", "N"]', NOISE.replace("{5e-7", "{float('nan') * 5e-7"))
 
 
@@ -233,11 +240,11 @@ def test_a_program_that_hangs_is_lost_after_the_timeout(tmp_path: Path) -> None:
 def test_one_process_at_a_time_measures_on_a_machine(tmp_path: Path) -> None:
     """Another study or workspace that names the same machine is refused before anything moves."""
     program(tmp_path)
-    with connect_in_si(command(), tmp_path, rotary=False):
+    with connected(command(), tmp_path):
         with pytest.raises(BusyError, match=rf"command .* axis.py: process {os.getpid()} is measuring on this machine"):
-            connect_in_si(command(), tmp_path, rotary=False)
-        connect_in_si(command("{file}"), tmp_path, rotary=False).close()
-    connect_in_si(command(), tmp_path, rotary=False).close()
+            connected(command(), tmp_path)
+        connected(command("{file}"), tmp_path).close()
+    connected(command(), tmp_path).close()
 
 
 EXITS = {

@@ -108,8 +108,9 @@ def test_what_is_predicted_to_exceed_a_limit_is_refused(
 
 
 def test_a_machine_that_diverges_in_its_plan_is_refused_with_the_frequency(workspace: WorkspaceService) -> None:
+    diverging = ["controller.proportional=1e8", "limits.force=1e9", "limits.velocity=1e9"]
     with pytest.raises(MachineError, match=r"at 10 Hz the study's machine diverges in the simulation; .* lower the"):
-        measure(workspace, "controller.proportional=1e8", "limits.force=1e9", "limits.velocity=1e9")
+        MeasurementService(workspace, "axis", diverging).plans()
 
 
 def test_a_play_that_diverges_where_it_is_stopped_is_refused(

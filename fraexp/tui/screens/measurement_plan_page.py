@@ -132,6 +132,7 @@ def summary_text(plans: tuple[PlanReport, ...]) -> str:
     first = plans[0]
     text += f" on machine '{first.machine}'"
     text = printable(text + (f", each until its band is ±{first.band:g} dB" if first.band else ""))
+    text += f"\n! {printable(first.drive)}" if first.drive else ""
     kept = sum(plan.kept for plan in plans)
     if any(plan.is_other_stored for plan in plans):
         return f"{text}\n! a measurement with another machine, excitation or setting is stored: F discards it"

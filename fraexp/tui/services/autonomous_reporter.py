@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 from fraexp.execution.events import Noticed
 from fraexp.measurement.measurement import PointMeasured
+from fraexp.measurement.watched_machine import drive_note
 from fraexp.simulation.motion_limits import NO_DEMAND
 from fraexp.tui.services.measurement_feed import NoticeReport, PlanReport, PlansReport, Report, StageReport
 from fraexp.tui.services.measurement_reporter import FeedReporter, limited_motions
@@ -30,6 +31,7 @@ def stages_report(service: AutonomousService) -> PlansReport:
         band=None,
         kept=len(service.files.points()),
         is_other_stored=False,
+        drive=drive_note(service.settings.machine.name, service.settings.machine.can_disable),
     )
     return PlansReport((plan,), is_autonomous=True)
 

@@ -50,6 +50,8 @@ class PlanReport:
     """Whether a measurement of another machine, excitation or setting is stored, which must be discarded."""
     total_afresh: str = ""
     """The same as `total` if nothing is kept."""
+    drive: str = ""
+    """What the user must know of a drive that cannot be switched off."""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice
 from fraexp.measurement.measurement_plan import MeasurementPlan
 from fraexp.measurement.point_measurement import PointProgress
 from fraexp.measurement.tasks import MeasurementTask
+from fraexp.measurement.watched_machine import drive_note
 from fraexp.simulation.motion_limits import Demand, MotionLimits
 from fraexp.tui.services.measurement_feed import (
     BeginReport,
@@ -76,6 +77,7 @@ def plan_report(plan: MeasurementPlan, files: MeasurementFiles) -> PlanReport:
         kept=len(kept),
         is_other_stored=files.identity() not in ("", measurement_identity(plan.task)),
         total_afresh=plan_total(plan),
+        drive=drive_note(settings.machine.name, settings.machine.can_disable),
     )
 
 

@@ -129,6 +129,9 @@ class SimulatedSession(MachineSession):
         if self._is_playing:
             self._say({"do": "stop"})
 
+    def disable(self) -> None:
+        self._say({"do": "disable"})
+
     def close(self) -> None:
         super().close()
         self._say({"do": "quit"})

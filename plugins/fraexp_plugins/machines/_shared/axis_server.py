@@ -36,10 +36,12 @@ class AxisPlay:
         self.began = time.monotonic()
         self.stop: int | None = None
         self.reason = ""
-        self.recorded = np.empty((len(channels), request.samples))  # memory is used as it is filled
+        self.recorded = np.zeros((len(channels), request.samples))  # memory is used as it is filled
         self.produced = 0
         self.acknowledged = 0
         self.has_rested = False
+        self.is_off = False
+        """Whether the drive is off: a brake then holds the axis where it is, and no control input acts."""
 
     @property
     def end(self) -> int:
@@ -50,10 +52,12 @@ class AxisPlay:
     def advance(self, samples: int) -> None:
         """Play on, up to a number of samples from the start."""
         until = min(samples, self.end)
-        if until > self.produced:
+        if until > self.produced and self.is_off:
+            self.recorded[0, self.produced : until] = self.recorded[0, max(self.produced - 1, 0)]
+        elif until > self.produced:
             played = self._loop.play(self.request.excitation(self.produced, until, self.stop))
             self.recorded[:, self.produced : until] = [played[name] for name in self._channels]
-            self.produced = until
+        self.produced = max(self.produced, until)
 
     def halt(self, reason: str) -> None:
         """Begin the ramp out."""
@@ -129,6 +133,10 @@ class AxisServer:
                 self._resend(play, table["start"], min(table.get("end", play.produced), self._sent))
             case "stop" if play:
                 play.halt("")
+            case "disable" if play:
+                play.is_off = True
+                play.halt("")
+                self._note("off", sample=play.produced)
             case "quit":
                 self._quits = True
                 if play:
@@ -139,7 +147,9 @@ class AxisServer:
         request = PlayRequest(table["number"], waveform, *shape)
         if self._order["from_rest"]:
             self._loop = LiveLoop(self._setup, request.number)
+        was_off = self._play is not None and self._play.is_off
         self._play, self._sent = AxisPlay(request, table["name"], self._loop, self._names), 0
+        self._play.is_off = was_off
         self._note("play", number=request.number)
 
     def _watch(self) -> None:

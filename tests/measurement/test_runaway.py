@@ -1,0 +1,130 @@
+"""Loops that move by themselves: nothing is played on them, their drive is switched off, and the cause is named."""
+
+import re
+import shutil
+import socket
+import subprocess
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from fraexp.errors import MachineError
+from fraexp.measurement.motion_guard import RunawayError
+from fraexp.workspace.autonomous_service import AutonomousService
+from fraexp.workspace.measurement_service import MeasurementService
+from fraexp.workspace.workspace_service import WorkspaceService
+from tests.measurement.test_autonomous import STUDY, workspace_with
+from tests.measurement.test_measurement import events_of
+from tests.waiting import wait_until
+
+AXES = Path(__file__).parents[3] / "shared" / "machines"
+"""Axes in C, beside the repository."""
+LIMITS = {"stroke": 0.1, "velocity": 1.0, "force": 180.0}
+"""Limits of these axes [m, m/s, N]."""
+REVERSED = 'controller={name="transfer_function", numerator=[-40000.0, 35000.0], denominator=[1.0, -0.7]}'
+STIFF = 'controller={name="pid", proportional=6e4, derivative_time=0.0566, filter_time=0.00629}'
+
+
+def simulated(controller: str, log: Path) -> str:
+    return f'measurement.machine={{name="simulated", log="{log}", {controller}}}'
+
+
+@pytest.mark.parametrize(("controller", "remedy"), [(REVERSED, "its sign"), (STIFF, "its gain")])
+def test_a_simulated_loop_that_moves_by_itself_is_switched_off(tmp_path: Path, controller: str, remedy: str) -> None:
+    log = tmp_path / "machine.log"
+    service = AutonomousService(workspace_with(STUDY, tmp_path), "axis", [simulated(controller, log)])
+    with pytest.raises(RunawayError, match=rf"{remedy}.*; the drive was switched off$"):
+        list(service.measure())
+    assert [event["event"] for event in events_of(log)].count("off") == 1
+
+
+def test_a_planned_measurement_is_refused_before_its_excitation(workspace: WorkspaceService) -> None:
+    log = workspace.folder / "machine.log"
+    service = MeasurementService(workspace, "axis", [simulated(STIFF, log)])
+    with pytest.raises(RunawayError, match="the axis moves by itself"):
+        list(service.measure_points())
+    assert [event["event"] for event in events_of(log)] == ["play", "off", "rest"]
+
+
+@pytest.fixture(scope="session")
+def axis_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The server of axes, compiled."""
+    compiler = shutil.which("gcc")
+    if compiler is None or not AXES.is_dir():
+        pytest.skip("needs gcc, and the axes in ../shared/machines")
+    program = tmp_path_factory.mktemp("axis") / "axis"
+    subprocess.run([compiler, "-O2", "-w", "-o", program, AXES / "axis.c", "-lm"], check=True)
+    return program
+
+
+DISABLE = """
+def _disable(self):
+    self.s.sendall(struct.pack("<3i", 3, 0, 0))
+
+Session.disable = _disable
+"""
+Serve = Callable[[str, str], tuple[int, Path]]
+
+
+@pytest.fixture
+def serve(axis_program: Path, tmp_path: Path) -> Iterator[Serve]:
+    """A function that serves an axis in real time, with more lines in its file; it returns port and log."""
+    processes: list[subprocess.Popen[bytes]] = []
+
+    def start(name: str, more: str = "") -> tuple[int, Path]:
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = int(free.getsockname()[1])
+        config, log = tmp_path / "axis.cfg", tmp_path / "truth.log"
+        config.write_text((AXES / f"{name}.cfg").read_text(encoding="utf-8") + more, encoding="utf-8")
+        processes.append(subprocess.Popen([axis_program, config, "serve", str(port), log, "1"]))
+        wait_until(log.exists)
+        return port, log
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.wait()
+
+
+def workspace_of_axis(folder: Path, port: int, *, offers_disable: bool) -> WorkspaceService:
+    (folder / "plugins").mkdir()
+    client = (AXES / "axisnet.py").read_text(encoding="utf-8") + (DISABLE if offers_disable else "")
+    (folder / "plugins" / "axisnet.py").write_text(client, encoding="utf-8")
+    text = 'title = "x"\n[loop]\nsample_time = 5e-4\n[limits]\n' + "".join(f"{k} = {v}\n" for k, v in LIMITS.items())
+    return workspace_with(f'{text}[measurement]\nmachine = {{ name = "axisnet", port = {port} }}\n', folder)
+
+
+def true_motion(log: Path) -> list[dict[str, float]]:
+    """Return the true stroke, velocity and force of each play."""
+    names = {"stroke": "stroke", "v": "velocity", "f": "force"}
+    plays = re.findall(r"stroke (\S+) v (\S+) f (\S+)", log.read_text(encoding="utf-8"))
+    return [dict(zip(names.values(), map(float, play), strict=True)) for play in plays]
+
+
+@pytest.mark.parametrize(
+    ("name", "more", "remedy", "excited"),
+    [
+        ("wrong_sign", "", "check the signs of encoder and drive", False),
+        ("wrong_sign", "cogA 0\ncogA2 0\n", "check the signs of encoder and drive", True),
+        ("unstable", "", "check the controller", False),
+    ],
+)
+def test_an_axis_that_runs_away_is_switched_off_within_its_limits(
+    serve: Serve, tmp_path: Path, name: str, more: str, remedy: str, excited: bool
+) -> None:
+    """Without cogging friction holds the axis of the wrong sign, and the excitation is the first to move it."""
+    port, log = serve(name, more)
+    service = AutonomousService(workspace_of_axis(tmp_path, port, offers_disable=True), "axis")
+    with pytest.raises(RunawayError, match=rf"{remedy}.*; the drive was switched off$"):
+        list(service.measure())
+    assert bool(service.files.samples.exists()) == excited
+    plays = wait_until(lambda: true_motion(log))
+    assert not excited or all(play[limit] <= LIMITS[limit] for play in plays for limit in LIMITS)
+
+
+def test_where_a_drive_cannot_be_switched_off_the_user_is_told_to(serve: Serve, tmp_path: Path) -> None:
+    port, _ = serve("unstable", "")
+    service = AutonomousService(workspace_of_axis(tmp_path, port, offers_disable=False), "axis")
+    with pytest.raises(MachineError, match=r"; switch the drive off: this machine offers no disable"):
+        list(service.measure())
