@@ -10,7 +10,6 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_fields, print_json, print_table, say
 from fraexp.cli.summary import Quantity, is_sample, needs_summary, parameter_rows, print_quantiles, quantile_rows
 from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number, workspace_folder
-from fraexp.cli.terminal_figure import print_figure
 from fraexp.components.registry import Registry
 from fraexp.data.frequency_text import frequency_text
 from fraexp.errors import FraexpError
@@ -67,10 +66,6 @@ def _compare_with_plant(arguments: Namespace) -> ExitCode:
         left_out = len(sweeps) - len(info.curves)
         if left_out:
             say(f"{plural(left_out, 'sweep')} without a response of a simulated plant left out")
-        if arguments.terminal:
-            with workspace.open_store() as store:
-                print()
-                print_figure(workspace, store, sweeps, "errors")
     return ExitCode.OK
 
 
@@ -189,11 +184,6 @@ def execute(arguments: Namespace) -> ExitCode:
         if folded:
             counts = (f"{plural(count, 'parameter')} of {owner}" for owner, count in folded.items())
             say(f"left out: {', '.join(counts)} that not all sweeps have; --all shows them")
-    if arguments.terminal and not arguments.json:
-        service = WorkspaceService.open(arguments.workspace, arguments.db)
-        with service.open_store() as store:
-            print()
-            print_figure(service, store, sweeps, "difference" if differences[0][1] else "")
     return ExitCode.OK
 
 

@@ -38,14 +38,6 @@ def _json(parser: Parser) -> None:
     _switch(parser, "--json", "print one JSON document")
 
 
-def _terminal(parser: Parser) -> None:
-    parser.add_argument(
-        "--terminal",
-        action="store_true",
-        help="draw a figure into the terminal, in braille",
-    )
-
-
 def _filter(parser: Parser) -> None:
     parser.add_argument(
         "--filter", metavar="FILTER",
@@ -189,7 +181,6 @@ def _show(parser: Parser) -> None:
         help="study or machine (machines/NAME) whose controller closes the loop around a measured response",
     )
     _switch(parser, "--all", ALL_HELP)
-    _terminal(parser)
     _json(parser)
 
 
@@ -205,7 +196,6 @@ def _compare(parser: Parser) -> None:
         help="frequencies [Hz] at which errors against the plant are shown, such as 5,39,80",
     )  # fmt: skip
     _switch(parser, "--all", ALL_HELP)
-    _terminal(parser)
     _json(parser)
 
 
@@ -225,7 +215,7 @@ def _plot(parser: Parser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="FILE", type=Path, default=None, help="figure to write: .png, .svg or .pdf"
     )
-    _terminal(parser)
+    _switch(parser, "--terminal", "draw a figure into the terminal, in braille")
     parser.add_argument("--title", default="", help="title of the figure")
     parser.add_argument(
         "--kind", metavar="KIND", choices=FIGURES, default="",

@@ -9,7 +9,6 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_fields, print_json, print_line, print_table, say
 from fraexp.cli.summary import needs_summary, print_summary
 from fraexp.cli.sweep_lookup import find_run_number, workspace_folder
-from fraexp.cli.terminal_figure import print_figure
 from fraexp.data.results import Fit, Result
 from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.sweep import Plain
@@ -48,12 +47,6 @@ def execute(arguments: Namespace) -> ExitCode:
             _show_sweep(store, arguments)
         else:
             _show_run(store, number_, arguments)
-        if arguments.terminal and not arguments.json:
-            print()
-            sweeps = [store.find(arguments.id)] if number_ is None else store.sweeps(number_)
-            from fraexp.workspace.workspace_service import WorkspaceService  # reading texts does without
-
-            print_figure(WorkspaceService.open(arguments.workspace, arguments.db), store, sweeps)
     return ExitCode.OK
 
 

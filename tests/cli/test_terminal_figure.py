@@ -42,7 +42,7 @@ def test_responses_are_drawn_with_their_names_and_units(
 def test_curves_are_drawn_without_a_response(
     workspace: Path, sweeps: list[Sweep], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text = said(capsys, "show", short_key(sweeps[2].key), "--terminal", "--workspace", str(workspace))
+    text = said(capsys, "plot", short_key(sweeps[2].key), "--terminal", "--workspace", str(workspace))
     assert is_braille(text)
     assert "Friction force [N] over displacement" in text
 
@@ -51,7 +51,7 @@ def test_a_comparison_draws_the_differences(
     workspace: Path, sweeps: list[Sweep], capsys: pytest.CaptureFixture[str]
 ) -> None:
     keys = [short_key(of.key) for of in sweeps[:2]]
-    text = said(capsys, "compare", *keys, "--terminal", "--workspace", str(workspace))
+    text = said(capsys, "plot", *keys, "--kind", "difference", "--terminal", "--workspace", str(workspace))
     assert "Difference from" in text
     assert is_braille(text)
 

@@ -89,26 +89,13 @@ class RandomDraw(NamedTuple):
     """Number of the draw."""
     family: str
     """Name of the nominal values; empty if all draws have the same."""
-    values: str
-    """The drawn values, as text."""
 
 
 def describe_draws(labels: Sequence[Plain], units: Mapping[str, str]) -> list[RandomDraw | None]:
     """Return the description of each randomly drawn sweep, and None for the others."""
     families = curve_names([nominal_labels(of) for of in labels], [""] * len(labels), units)
-    drawn = [{path: of[path] for path in list(of)[len(nominal_labels(of)) + 1 :]} for of in labels]
-    titles = label_columns(drawn)
-    texts = [
-        ", ".join(
-            _label_part(titles[path], rounded := float(f"{value:.5g}"), f"{rounded:g}", units.get(path, ""), False)
-            for path, value in of.items()
-        )
-        for of in drawn
-    ]
-    return [
-        RandomDraw(int(of[DRAW]), family, text) if DRAW in of else None
-        for of, family, text in zip(labels, families, texts, strict=True)
-    ]
+    pairs = zip(labels, families, strict=True)
+    return [RandomDraw(int(str(of[DRAW])), family) if DRAW in of else None for of, family in pairs]
 
 
 def nominal_labels(labels: Plain) -> dict[str, object]:

@@ -1,8 +1,7 @@
 """Distribution of metrics over Monte Carlo samples, with median, 95 % quantile and the worst sample."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,8 +24,6 @@ MAX_METRICS = 4
 """Maximum number of metrics in a figure."""
 NAME_MARGIN = 0.16
 """Width beside the curves for the names of the worst draws, relative to theirs."""
-NOTE_CHARACTERS_PER_INCH, NOTE_LINE_INCH = 13.5, 0.19
-"""Characters of a note per width of the figure, and the height of its line."""
 TEXT_BACKGROUND: LineStyle = {"facecolor": "1.0", "edgecolor": "none", "alpha": 0.7, "pad": 1}
 """Background that keeps a number readable on lines."""
 QUANTILE_LEVELS = (0.5, 0.95)
@@ -148,15 +145,8 @@ def draw_distribution(info: DistributionInfo) -> "Figure":
         styles = dict(zip(info.families, canvas.named_styles(len(info.families)), strict=True))
         lines = [style for panel in info.panels for style in (styles[sample.label] for sample in panel.samples)]
         table = FigureTable(*_table_cells(info))
-        width = max(9.0, table.width)
-        notes = [
-            line
-            for text in _worst_draw_notes(info)
-            for line in wrap(drawable(text), int(NOTE_CHARACTERS_PER_INCH * width))
-        ]
-        below = table.height + NOTE_LINE_INCH * len(notes)
-        figure = canvas.new_figure(width, height=0.8 + 3.0 * rows + below)
-        parts: Any = figure.subfigures(2, 1, height_ratios=(0.6 + 3.0 * rows, below))
+        figure = canvas.new_figure(max(9.0, table.width), height=0.8 + 3.0 * rows + table.height)
+        parts: Any = figure.subfigures(2, 1, height_ratios=(0.6 + 3.0 * rows, table.height))
         upper, lower = parts
         grid = upper.subplots(rows, columns, squeeze=False, sharey=True)
         for axes, panel in zip(grid.flat, info.panels, strict=False):
@@ -167,11 +157,7 @@ def draw_distribution(info: DistributionInfo) -> "Figure":
             axes.set_ylabel("Share of the draws [%]")
         canvas.draw_grid(*list(grid.flat)[:count])
         upper.suptitle(canvas.wrapped_title(figure, info.title))
-        of_table, of_notes = lower.subplots(2, 1, height_ratios=(table.height, max(NOTE_LINE_INCH * len(notes), 0.05)))
-        table.draw(of_table, lines)
-        of_notes.set_axis_off()
-        text = of_notes.text(0.01, 1.0, "\n".join(notes), va="top", fontsize=9.5, transform=of_notes.transAxes)
-        text.set_in_layout(False)  # it is wrapped to fit, and would narrow the table
+        table.draw(lower.subplots(), lines)
     return figure
 
 
@@ -238,15 +224,3 @@ def _missing_text(sample: MetricSample) -> str:
 
 def _value_text(value: float) -> str:
     return f"{value:.4g}" if np.isfinite(value) else "none"
-
-
-def _worst_draw_notes(info: DistributionInfo) -> list[str]:
-    """Return a line with the drawn values of each draw that is the worst in a metric."""
-    return [f"draw {number}: {values}" for number, values in sorted(set(_worst_values(info)))]
-
-
-def _worst_values(info: DistributionInfo) -> Iterator[tuple[int, str]]:
-    for panel in info.panels:
-        for sample in panel.samples:
-            if sample.worst and sample.worst.drawn:
-                yield sample.worst.drawn.number, sample.worst.drawn.values
