@@ -13,8 +13,7 @@ from fraexp.errors import FraexpError
 from fraexp.figures.export import json_value
 from fraexp.store import RunSummary, Store, parse_filter
 from fraexp.views.fields import run_duration_text, run_state_text
-from fraexp.views.listing import listing_columns
-from fraexp.views.sort_fields import complete_field
+from fraexp.views.listing import complete_field, listing_columns
 from fraexp.views.words import plural, timestamp_text
 
 COLUMNS = ["run", "study", "state", "sweeps", "computed", "reused", "failed", "unusable", "started", "took"]

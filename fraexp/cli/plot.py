@@ -13,7 +13,7 @@ from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.stamp import check_folder, check_suffix
 from fraexp.figures.elements.view import View
-from fraexp.reports.figure_titles import run_title
+from fraexp.reports.published_comparisons import run_title
 from fraexp.store import Store, StoredSweep
 from fraexp.views.comparison import with_common_labels
 from fraexp.views.words import plural

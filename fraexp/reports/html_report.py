@@ -14,10 +14,18 @@ from fraexp.data.sweep import Plain
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError, StudyError
 from fraexp.figures.elements.label_units import label_units
-from fraexp.reports.figure_titles import run_title
-from fraexp.reports.published_comparisons import compare_published, read_study, verdict
-from fraexp.reports.report_tables import Cell, OriginTable, ReportTable, published_table, sweep_table
-from fraexp.reports.report_words import Method, describe_methods, input_table, verdict_text
+from fraexp.reports.published_comparisons import compare_published, read_study, run_title, verdict
+from fraexp.reports.report_tables import (
+    Cell,
+    Method,
+    OriginTable,
+    ReportTable,
+    describe_methods,
+    input_table,
+    published_table,
+    sweep_table,
+    verdict_text,
+)
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
 from fraexp.study.published_values import ORIGINS, PublishedComparison
 from fraexp.study.study_file import ResolvedStudy, find_studies

@@ -1,7 +1,9 @@
-"""Published numbers of a stored run's study beside those of its sweeps."""
+"""Published numbers of a stored run's study beside those of its sweeps, and the title of its figure."""
 
 import math
+import shlex
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -80,3 +82,18 @@ def comparison_document(one: PublishedComparison) -> dict[str, Any]:
     found = {name: value if math.isfinite(value) else None for name, value in ours.items()}
     outcome = one.outcome.name.lower()
     return {**given, **found, "outcome": outcome, "met": one.is_met, "remark": one.remark, "note": of.note}
+
+
+def run_title(study: str, title: str, command: str) -> str:
+    """Return the title of a run's figure: that of its study, unless the command has set values of the study.
+
+    `title` describes the study's file; after ``--set`` it may speak of another grid.
+    """
+    try:
+        words = shlex.split(command)
+    except ValueError:  # a run of another program
+        words = []
+    joined = [word.removeprefix("--set=") for word in words if word.startswith("--set=")]
+    apart = [after for word, after in pairwise(words) if word == "--set"]
+    changes = [change.replace("=", " = ", 1) for change in (*joined, *apart)]
+    return f"{study} with {', '.join(changes)}" if changes else title or study

@@ -12,8 +12,7 @@ from fraexp.data.results import Result
 from fraexp.figures.kinds.difference import Difference, response_difference
 from fraexp.store import Store, StoredSweep
 from fraexp.study.paths import unit_at
-from fraexp.views.quantity_texts import scale_values, with_unit
-from fraexp.views.words import flatten, number_text, short_key, value_text
+from fraexp.views.words import flatten, number_text, scale_values, short_key, value_text, with_unit
 
 ABSENT = "-"
 MAX_SINGLE_QUERIES = 50

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 from fraexp.data.sweep import DRAW
 from fraexp.figures.elements.labels import label_text, nominal_labels
 from fraexp.store import RunSummary, StoredSweep
-from fraexp.views.quantity_texts import scale_values, with_unit
 from fraexp.views.run_progress import counts_text
-from fraexp.views.words import duration_text, short_key, timestamp_text
+from fraexp.views.words import duration_text, scale_values, short_key, timestamp_text, with_unit
 
 if TYPE_CHECKING:
     from fraexp.components.registry import Registry

@@ -1,7 +1,7 @@
-"""A listing of sweeps: its columns, and how they fit into a width."""
+"""A listing of sweeps: its columns, how they fit into a width, and what it can be sorted by."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import pairwise
@@ -11,10 +11,10 @@ from rich.cells import cell_len
 
 from fraexp.data.sweep import DRAW
 from fraexp.data.terminal_text import printable
+from fraexp.errors import FraexpError, did_you_mean
 from fraexp.figures.elements.labels import label_columns, label_texts
 from fraexp.store import ListedSweep, StoredSweep
-from fraexp.views.quantity_texts import scale_values, with_unit
-from fraexp.views.words import duration_text, short_key
+from fraexp.views.words import duration_text, scale_values, short_key, with_unit
 
 if TYPE_CHECKING:
     from fraexp.components.registry import Registry
@@ -210,3 +210,34 @@ def _label_part(column: Column, text: str, counts: Mapping[str, int]) -> str:
 
 def _total_width(columns: Sequence[tuple[Column, int]]) -> int:
     return sum(width + COLUMN_GAP for _, width in columns)
+
+
+HEADINGS = {"sweep": "key", "took": "elapsed"}
+"""Headings of a listing of sweeps that are not the name of their field."""
+
+
+def complete_field(
+    wanted: str, fields: Collection[str], headings: Mapping[str, str] = HEADINGS, place: str = "list: --sort"
+) -> str:
+    """Return the field that a name stands for, with the ``-`` of descending order that it may begin with.
+
+    The name is a field, a heading, the last part of a field, or the beginning of one of them. FraexpError, which names
+    the `place` of the input, otherwise.
+    """
+    sign, name = ("-", wanted[1:]) if wanted.startswith("-") else ("", wanted)
+    columns = {field: field for field in fields if "." not in field} | dict(headings)
+    whole = {**columns, **{field: field for field in fields}}
+    if name in whole:
+        return sign + whole[name]
+    parts = [(field.rpartition(".")[2], field) for field in fields]
+    tiers = (
+        {field for part, field in parts if part == name},
+        {field for title, field in columns.items() if name and title.startswith(name)},
+        {field for part, field in parts if name and (part.startswith(name) or field.startswith(name))},
+    )
+    found = next((tier for tier in tiers if tier), set())
+    if len(found) == 1:
+        return sign + found.pop()
+    if found:
+        raise FraexpError(f"{place}: '{name}' is ambiguous; expected one of: {', '.join(sorted(found))}")
+    raise FraexpError(f"{place}: there is no '{name}' to sort by{did_you_mean(name, [*fields, *headings])}")

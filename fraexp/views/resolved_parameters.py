@@ -10,8 +10,7 @@ from fraexp.data.rotary_axes import is_rotary
 from fraexp.errors import StudyError
 from fraexp.store import StoredSweep
 from fraexp.study.paths import declared_at, value_at
-from fraexp.views.quantity_texts import scale_values, with_unit
-from fraexp.views.words import flatten, summarise_segments, value_text
+from fraexp.views.words import flatten, scale_values, summarise_segments, value_text, with_unit
 
 
 @dataclass(frozen=True)

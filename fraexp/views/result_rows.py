@@ -7,8 +7,7 @@ from fraexp.data.results import Curve, Fit, Result
 from fraexp.data.units import with_powers
 from fraexp.figures.elements.scales import column_unit
 from fraexp.views.fields import toml_value
-from fraexp.views.quantity_texts import with_unit
-from fraexp.views.words import number_text
+from fraexp.views.words import number_text, with_unit
 
 FIT_COLUMNS = ["parameter", "value", "± 95 %", "unit"]
 MAX_CURVE_ROWS = 12

@@ -19,8 +19,8 @@ from fraexp.execution.database_retry import DatabaseRetry
 from fraexp.execution.events import Ended, Event, Noticed, Planned
 from fraexp.execution.executors import ResourceLimits, worker_count
 from fraexp.records.study_writer import ImportRequest, is_same_study, study_data, write_study
-from fraexp.reports.figure_titles import run_title
 from fraexp.reports.html_report import gather_chapter, write_report
+from fraexp.reports.published_comparisons import run_title
 from fraexp.reports.stored_figures import StoredFigures
 from fraexp.store import RunSummary, Store, StoredSweep
 from fraexp.study.catalogue import StudyEntry, catalogue

@@ -3,7 +3,7 @@
 import pytest
 
 from fraexp.errors import FraexpError
-from fraexp.views.sort_fields import complete_field
+from fraexp.views.listing import complete_field
 
 FIELDS = ["key", "state", "estimator", "elapsed", "excitation.amplitude", "excitation.points", "friction.static_force"]
 

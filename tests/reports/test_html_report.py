@@ -13,7 +13,7 @@ from fraexp.cli.main import main
 from fraexp.components.registry import Registry
 from fraexp.errors import FraexpError
 from fraexp.reports.html_report import gather_chapter, render_report
-from fraexp.reports.report_words import Method
+from fraexp.reports.report_tables import Method
 from fraexp.reports.stored_figures import StoredFigures
 from fraexp.store import Store
 from fraexp.workspace.workspace_service import WorkspaceService

@@ -5,8 +5,8 @@ from datetime import UTC, datetime
 import pytest
 
 from fraexp.data.results import Outcome
-from fraexp.reports.figure_titles import run_title
-from fraexp.reports.report_words import verdict_text
+from fraexp.reports.published_comparisons import run_title
+from fraexp.reports.report_tables import verdict_text
 from fraexp.store import RunSummary, StoredSweep
 from fraexp.store.liveness import Process
 

@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fraexp.data import units
-from fraexp.views.quantity_texts import scale_values, with_unit
-from fraexp.views.words import value_text
+from fraexp.views.words import scale_values, value_text, with_unit
 
 
 def text(value: object, unit: str) -> str:

@@ -15,8 +15,7 @@ from fraexp.store import ListingPage, Store
 from fraexp.tui.dialogs import ConfirmDialog, InputDialog
 from fraexp.tui.page import Page
 from fraexp.tui.widgets.paged_table import PagedTable, TableRows
-from fraexp.views.listing import Column, listing_columns
-from fraexp.views.sort_fields import complete_field
+from fraexp.views.listing import Column, complete_field, listing_columns
 
 ASCENDING_SIGN, DESCENDING_SIGN = "▲", "▼"
 MAX_UNCONFIRMED_MARKS = 50
