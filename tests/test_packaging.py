@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from fraexp.figures.export import WRITERS
+from fraexp.figures.result_files import WRITERS
 from tests.waiting import HANG_TIMEOUT_S
 
 ROOT = Path(__file__).parents[1]

@@ -15,7 +15,6 @@ from fraexp.data.frequency_text import frequency_text
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.label_units import label_units
 from fraexp.figures.elements.labels import curve_names
-from fraexp.figures.export import json_value
 from fraexp.figures.kinds.difference import Difference
 from fraexp.figures.kinds.plant_errors import (
     FREQUENCY_FACTOR,
@@ -24,6 +23,7 @@ from fraexp.figures.kinds.plant_errors import (
     ErrorsInfo,
     errors_info,
 )
+from fraexp.figures.result_files import json_value
 from fraexp.store import StoredSweep, leave_out_damaged
 from fraexp.views.comparison import (
     difference_rows,

@@ -18,7 +18,7 @@ from fraexp.cli.output import print_fields, print_json, say
 from fraexp.cli.sweep_lookup import location_options, workspace_folder
 from fraexp.errors import StoreError
 from fraexp.execution.provenance import gather_provenance
-from fraexp.figures.export import json_value
+from fraexp.figures.result_files import json_value
 from fraexp.kernels.cache_folder import cache_folder
 from fraexp.store import RunSummary, Store, masked_url
 from fraexp.store.backends.file_system import NETWORK_TYPES, file_system_type

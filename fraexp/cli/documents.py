@@ -4,7 +4,7 @@ from dataclasses import asdict
 from typing import Any
 
 from fraexp.data.results import FrequencyResponse, Result
-from fraexp.figures.export import json_value, optional_arrays
+from fraexp.figures.result_files import json_value, optional_arrays
 from fraexp.store import RunSummary, StoredSweep
 from fraexp.views.fields import remedy_text
 

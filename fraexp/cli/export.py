@@ -7,7 +7,7 @@ from fraexp.cli.output import print_path
 from fraexp.cli.sweep_lookup import find_run_number, find_sweeps, workspace_folder
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError, StoreError
-from fraexp.figures.export import WRITERS, export, json_value
+from fraexp.figures.result_files import WRITERS, export, json_value
 from fraexp.reports.published_comparisons import compare_sweep, comparison_document
 from fraexp.store import StoredSweep
 from fraexp.views.words import short_key

@@ -17,7 +17,7 @@ from fraexp.data.results import UNUSABLE_OUTCOMES, Result
 from fraexp.data.terminal_text import printable
 from fraexp.execution.background import announce_begin
 from fraexp.execution.events import Begun, Ended, Event, Finished, Noticed, Planned, Preparing, Progress, Why
-from fraexp.figures.export import json_value
+from fraexp.figures.result_files import json_value
 from fraexp.store import RunSummary, StoredSweep, mark_damaged
 from fraexp.views.fields import remedies, run_state_text
 from fraexp.views.run_progress import counts_text, time_text

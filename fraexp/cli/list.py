@@ -10,7 +10,7 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_json, print_table, say
 from fraexp.cli.sweep_lookup import workspace_folder
 from fraexp.errors import FraexpError
-from fraexp.figures.export import json_value
+from fraexp.figures.result_files import json_value
 from fraexp.store import RunSummary, Store, parse_filter
 from fraexp.views.fields import run_duration_text, run_state_text
 from fraexp.views.listing import complete_field, listing_columns

@@ -12,7 +12,7 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_json, print_line, say
 from fraexp.cli.sweep_lookup import workspace_folder
 from fraexp.errors import StoreError
-from fraexp.figures.export import json_value
+from fraexp.figures.result_files import json_value
 from fraexp.store import Conflict, MergeSummary, masked_url
 from fraexp.views.words import plural
 from fraexp.workspace.workspace_folder import WorkspaceFolder

@@ -14,7 +14,7 @@ from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.sweep import Plain
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.scales import PLANT_UNITS
-from fraexp.figures.export import json_value
+from fraexp.figures.result_files import json_value
 from fraexp.reports.published_comparisons import comparison_document, verdict
 from fraexp.reports.report_tables import published_table
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged

@@ -11,7 +11,7 @@ from fraexp.data.results import Curve, FrequencyResponse, Result
 from fraexp.data.signals import Signals
 from fraexp.data.sweep import DRAW
 from fraexp.errors import FraexpError
-from fraexp.figures.export import json_value, outcome_name, response_arrays, response_units, table_columns
+from fraexp.figures.result_files import json_value, outcome_name, response_arrays, response_units, table_columns
 from fraexp.interface.optional_packages import import_optional
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fraexp.data.figure_kinds import check_kind
 from fraexp.data.results import UNUSABLE_OUTCOMES, FrequencyResponse, Result
 from fraexp.errors import FraexpError, ParameterError, StudyError
-from fraexp.figures.export import export, json_value
+from fraexp.figures.result_files import export, json_value
 from fraexp.interface.argument_checks import frequency_view, is_there, require_path
 from fraexp.interface.datasets import curve_dataset, outcome_attributes, response_dataset, response_table
 from fraexp.interface.html import page_part

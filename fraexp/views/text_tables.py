@@ -20,7 +20,7 @@ from fraexp.figures.elements.scales import (
     degrees,
     readable_unit,
 )
-from fraexp.figures.export import channel_units
+from fraexp.figures.result_files import channel_units
 from fraexp.store import StoredSweep
 from fraexp.views.fields import outcome_text
 from fraexp.views.words import fixed_text, number_text, plural, short_key

@@ -15,7 +15,7 @@ from fraexp.data.results import Outcome, Result
 from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.sweep import components_by_port
 from fraexp.errors import FraexpError, StudyError
-from fraexp.figures.export import write_file
+from fraexp.figures.result_files import write_file
 from fraexp.simulation.controller_blocks import ControllerParts
 from fraexp.simulation.discretisation import SignalPath
 from fraexp.simulation.experiments import Compensation

@@ -14,7 +14,7 @@ from scipy.io import loadmat
 
 from fraexp.data.results import Curve, FrequencyResponse, Metric, Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.export import WRITERS, export
+from fraexp.figures.result_files import WRITERS, export
 
 HEADER = {"study": "studies/a b.toml", "key": "fx1-00", "experiment": {"A": [12, 75], "plant": {"name": "modal"}}}
 COUNT = 40

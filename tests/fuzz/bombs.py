@@ -20,7 +20,7 @@ from fraexp.cli.exits import ExitCode
 from fraexp.components.registry import Registry
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.export import write_universal
+from fraexp.figures.result_files import write_universal
 from fraexp.store.codec import NPY_MAGIC, decode_array
 from tests.cli.conftest import fill, response_of
 from tests.fuzz import files, mutation
