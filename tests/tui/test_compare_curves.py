@@ -12,9 +12,8 @@ from fraexp.data.results import Curve, Outcome, Result
 from fraexp.figures.elements.view import View
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.plotting import compared_sweeps
-from fraexp.tui.plotting.figure_commands import compare_command, plot_command
-from fraexp.tui.plotting.figure_export import file_fault
 from fraexp.tui.screens import compare_page
+from fraexp.tui.widgets.figure_export import compare_command, file_fault, plot_command
 from fraexp.views.words import short_key
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.tui.pilots import pilot_of, screen_text, shows

@@ -6,8 +6,7 @@ from fraexp.tui.page import PageHeader
 from fraexp.tui.screens.measurement_page import MAX_NOTICE_LENGTH, MeasurementPage
 from fraexp.tui.screens.measurement_plan_page import question_text
 from fraexp.tui.screens.studies_page import StudiesPage
-from fraexp.tui.services.autonomous_reporter import evaluation_report, stage_report
-from fraexp.tui.services.measurement_feed import (
+from fraexp.tui.services.live_measurement import (
     BeginReport,
     EndReport,
     LimitedMotion,
@@ -15,8 +14,9 @@ from fraexp.tui.services.measurement_feed import (
     PlanReport,
     PlansReport,
     PointReport,
+    ReportedMeasurement,
 )
-from fraexp.tui.services.reported_measurement import ReportedMeasurement
+from fraexp.tui.services.measurement_worker import evaluation_report, stage_report
 from fraexp.workspace.autonomous_service import STAGES, EvaluationBegun, StageBegun
 from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 

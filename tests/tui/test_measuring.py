@@ -22,14 +22,11 @@ from fraexp.data.sample_file import SampleWriter
 from fraexp.measurement.measured_points import MeasurementFiles
 from fraexp.store import Store
 from fraexp.tui.screens.launch_page import LaunchPage
-from fraexp.tui.screens.measurement_page import MeasurementPage
+from fraexp.tui.screens.measurement_page import MARGIN_SIGN, PREDICTED_SIGN, LimitGauges, MeasuredBode, MeasurementPage
 from fraexp.tui.screens.measurement_plan_page import MeasurementPlanPage
 from fraexp.tui.screens.run_page import RunPage
 from fraexp.tui.screens.studies_page import StudiesPage
-from fraexp.tui.services.measurement_feed import LimitedMotion, NoticeReport, read_report
-from fraexp.tui.services.reported_measurement import join_responses
-from fraexp.tui.widgets.limit_gauges import MARGIN_SIGN, PREDICTED_SIGN, LimitGauges
-from fraexp.tui.widgets.measured_bode import MeasuredBode
+from fraexp.tui.services.live_measurement import LimitedMotion, NoticeReport, join_responses, read_report
 from fraexp.views.run_progress import FULL
 from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 from tests.tui.responses import resonant

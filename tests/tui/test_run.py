@@ -11,10 +11,9 @@ import pytest
 from fraexp.execution import background
 from fraexp.execution.background import BackgroundRun
 from fraexp.store import RunProgress, Store
-from fraexp.tui.screens.run_page import RunPage, _launch_arguments, show_run
+from fraexp.tui.screens.run_page import LogTail, RunPage, _launch_arguments, show_run
 from fraexp.tui.screens.runs_page import RunsPage
-from fraexp.tui.services import refresh_budget
-from fraexp.tui.widgets.log_tail import LogTail
+from fraexp.tui.widgets import preview_plot
 from fraexp.views.run_progress import bar_text, progress_text
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
@@ -248,9 +247,9 @@ def test_while_nothing_ends_or_moves_it_says_what_it_does_if_that_is_known_and_n
 
 def test_work_that_repeats_itself_rests_for_its_share(monkeypatch: pytest.MonkeyPatch) -> None:
     now = {"monotonic": 100.0, "process_time": 5.0}
-    monkeypatch.setattr(refresh_budget.time, "monotonic", lambda: now["monotonic"])
-    monkeypatch.setattr(refresh_budget.time, "process_time", lambda: now["process_time"])
-    budget = refresh_budget.RefreshBudget(0.05)
+    monkeypatch.setattr(preview_plot.time, "monotonic", lambda: now["monotonic"])
+    monkeypatch.setattr(preview_plot.time, "process_time", lambda: now["process_time"])
+    budget = preview_plot.RefreshBudget(0.05)
     budget.end()
     assert not budget.is_resting
     budget.begin()

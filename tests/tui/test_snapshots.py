@@ -14,8 +14,8 @@ import pytest
 from textual.pilot import Pilot
 
 from fraexp.tui.app import FraexpApp
-from fraexp.tui.screens.measurement_page import MeasurementPage
-from fraexp.tui.services.measurement_feed import (
+from fraexp.tui.screens.measurement_page import MeasuredBode, MeasurementPage
+from fraexp.tui.services.live_measurement import (
     BeginReport,
     LimitedMotion,
     NoticeReport,
@@ -23,10 +23,9 @@ from fraexp.tui.services.measurement_feed import (
     PlansReport,
     PointReport,
     ProgressReport,
+    ReportedMeasurement,
 )
-from fraexp.tui.services.reported_measurement import ReportedMeasurement
 from fraexp.tui.services.themes import DARK, LIGHT
-from fraexp.tui.widgets.measured_bode import MeasuredBode
 from tests.tui.pilots import pilot_of, settle, shows, until
 from tests.tui.responses import found, loop, resonant, store_results
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from fraexp.tui.screens.measurement_plan_page import summary_text
-from fraexp.tui.services.measurement_feed import PlanReport
+from fraexp.tui.services.live_measurement import PlanReport
 from fraexp.views.study import study_fields, study_row, survey_study
 from fraexp.workspace.workspace_service import WorkspaceService
 

@@ -1,21 +1,252 @@
 """A measurement while it runs: the response that grows, motion beside its limits, and the key that stops it."""
 
-from typing import ClassVar
+import asyncio
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, ClassVar
 
+import numpy as np
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Vertical
-from textual.widgets import RichLog
+from textual.content import Content
+from textual.widgets import RichLog, Static
 
+from fraexp.data.results import Outcome, Result
 from fraexp.data.terminal_text import printable
+from fraexp.figures.elements.shown import ShownResult
 from fraexp.tui.dialogs import ConfirmDialog
 from fraexp.tui.page import Page
-from fraexp.tui.services.live_measurement import LiveMeasurement
-from fraexp.tui.services.measurement_feed import PlanReport, ProgressReport
-from fraexp.tui.widgets.limit_gauges import LimitGauges
-from fraexp.tui.widgets.measured_bode import MeasuredBode
-from fraexp.tui.widgets.measurement_state import MeasurementState
+from fraexp.tui.plotting.panels import prefixed_text
+from fraexp.tui.plotting.plot_stack import PlotStack
+from fraexp.tui.plotting.plotted_curves import bode_picture
+from fraexp.tui.services.live_measurement import (
+    LabelledResponse,
+    LimitedMotion,
+    LiveMeasurement,
+    PlanReport,
+    ProgressReport,
+)
+from fraexp.tui.services.themes import state_sign
+from fraexp.views.measurement_texts import band_text
+from fraexp.views.run_progress import EMPTY, FULL, bar_text
+from fraexp.views.words import duration_text, elapsed_text, plural
+
+MIN_BAR, MAX_BAR = 10, 40
+"""Least and most cells of the bar of progress."""
+OTHER_CELLS, OTHER_STAGE_CELLS = 62, 84
+"""Cells of the other texts in its line, and those where they name a stage."""
+
+
+class MeasurementState(Static):
+    """A line on the progress, one on the point that is played, and one on the last point that was measured."""
+
+    DEFAULT_CSS = """
+    MeasurementState { height: 3; padding: 0 1; text-wrap: nowrap; text-overflow: ellipsis; }
+    MeasurementState.-ended { height: auto; min-height: 3; max-height: 8; }
+    """
+
+    def __init__(self) -> None:
+        super().__init__("starting ...")
+
+    def show(self, live: LiveMeasurement) -> None:
+        """Show the state; of a measurement that has ended, how."""
+        sign, colour = state_sign(live.state)
+        last = f"last  {live.last_point}" if live.last_point else ""
+        text = Content.assemble(
+            (f"{sign} {live.state}", f"bold ${colour}"),
+            f"  {self._progress_text(live)}\n{printable(self._point_text(live))}\n{printable(last)}",
+        )
+        self.set_class(live.has_ended, "-ended")  # a reason may be long
+        self.update(text, layout=live.has_ended)
+
+    def _progress_text(self, live: LiveMeasurement) -> str:
+        if not live.total and not live.stage:
+            doing = live.notices[-1] if live.notices else "connecting to the machine ..."
+            return printable(doing) if live.state == "measuring" else ""
+        others = OTHER_STAGE_CELLS if live.stage else OTHER_CELLS
+        width = min(max(self.screen.size.width - others, MIN_BAR), MAX_BAR)
+        played = live.progress.seconds if live.progress else 0.0
+        left = max(live.seconds_left - played, 0.0)
+        name = f"{live.plan.label}: " if live.plan and live.plan.label else ""
+        time_left = f", about {duration_text(left)} left" if live.state == "measuring" and left else ""
+        points = f"{live.done} of {plural(live.total, 'point')}{time_left}" if live.total else ""
+        texts = [live.stage.name if live.stage else "", f"{name}{points}"]
+        return f"{bar_text(live.done_fraction, width)} {': '.join(filter(None, texts))}"
+
+    def _point_text(self, live: LiveMeasurement) -> str:
+        """Return what is played now, or why nothing is played any more."""
+        if live.has_ended:
+            advice = "R continues with the point that was lost" if live.state == "stopped" else "R tries again"
+            return "" if live.state == "complete" else f"{live.message}; {advice}"
+        if live.stage and live.stage.rest:
+            return (
+                f"now   {live.stage.rest}: {elapsed_text(time.monotonic() - live.rest_since, live.stage.rest_seconds)}"
+            )
+        if live.progress is None:
+            return (
+                "" if not live.total else "now   the axis rests between two points while what was recorded is evaluated"
+            )
+        return progress_text(live.progress, live.plan.band if live.plan else None)
+
+
+def progress_text(progress: ProgressReport, target: float | None) -> str:
+    """Return the point that is played: frequency, amplitude, settled or not, periods, band and its target."""
+    state = "settled" if progress.is_settled else "settling"
+    band = "" if progress.band is None else f", {band_text(progress.band)}"
+    aim = "" if target is None else f", target ±{target:g} dB"
+    counted = f"{state}, {plural(progress.periods, 'period')}"
+    return f"now   {progress.frequency}, {progress.peak} peak: {counted}{band}{aim}, {progress.seconds:.1f} s"
+
+
+MIN_PANEL_ROWS = 9
+"""Least height of a panel: with less the phase is left out, and the magnitude gets its room."""
+LEGEND_PADDING = 4
+"""Cells beside the names of the curves."""
+AXIS_MARGIN = 0.02
+"""Part of its length by which the frequency axis extends beyond the plan."""
+
+
+class MeasuredBode(Vertical):
+    """Magnitude and phase of what the estimators have found so far; a vertical line is at the point that is played."""
+
+    DEFAULT_CSS = """
+    MeasuredBode { height: 1fr; }
+    MeasuredBode > #empty { height: 1fr; padding: 0 1; color: $text-muted; }
+    MeasuredBode.-drawn > #empty { display: none; }
+    MeasuredBode > PlotStack { display: none; }
+    MeasuredBode.-drawn > PlotStack { display: block; }
+    MeasuredBode > #names { height: auto; max-height: 3; padding: 0 1; display: none; }
+    MeasuredBode.-drawn > #names { display: block; }
+    """
+
+    def __init__(self) -> None:
+        super().__init__(classes="panel")
+        self.border_title = "Response"
+        self._marked: float | None = None
+
+    def compose(self) -> ComposeResult:
+        """Put the names of the curves below the plots."""
+        yield Static("The response appears here, point by point.", id="empty")
+        stack = PlotStack()
+        stack.min_panel_rows = MIN_PANEL_ROWS
+        yield stack
+        yield Static(id="names")
+
+    def show(self, responses: Sequence[LabelledResponse], frequency_range: tuple[float, float]) -> None:
+        """Show responses; of several units those of the first one."""
+        drawing: Callable[[], object] = partial(self._show, list(responses), frequency_range)
+        self.run_worker(drawing, group="picture", exclusive=True)
+
+    async def _show(self, responses: list[LabelledResponse], frequency_range: tuple[float, float]) -> None:
+        unit = responses[0][1].unit if responses else ""
+        alike = [(label, response) for label, response in responses if response.unit == unit]
+        shown = [ShownResult(label, Result(Outcome.OK, response=response)) for label, response in alike]
+        picture = await asyncio.to_thread(bode_picture, shown, None) if shown else None
+        if not self.is_attached:
+            return
+        stack = self.query_one(PlotStack)
+        low, high = np.log10(frequency_range)
+        room = AXIS_MARGIN * max(high - low, 1.0)
+        stack.whole_x = float(low - room), float(high + room)
+        self.set_class(picture is not None, "-drawn")
+        stack.display_picture(picture, cursor=False)
+        self.mark(self._marked)
+        self.query_one("#names", Static).update(
+            stack.legend([label for label, _ in alike], self.size.width - LEGEND_PADDING)
+        )
+        others = len(responses) - len(alike)
+        self.border_subtitle = printable(f"{others} in another unit: after the measurement") if others else ""
+
+    def mark(self, frequency: float | None) -> None:
+        """Put the vertical line at a frequency [Hz]."""
+        self._marked, stack = frequency, self.query_one(PlotStack)
+        if stack.view_range.cursor != frequency:
+            stack.view_range.cursor = frequency
+            stack.draw()
+
+
+PREDICTED_SIGN, MARGIN_SIGN = "┃", "│"
+"""Signs on a bar: what is predicted, and where the margin begins that predicted motion leaves free."""
+MIN_GAUGE, MAX_GAUGE = 16, 60
+"""Least cells of a bar beside its value: with less room it is below it; and most cells of a bar."""
+OTHER_GAUGE_CELLS = 13
+"""Cells of a line beside name, value and bar."""
+
+
+class LimitGauges(Static):
+    """A bar for each limited quantity: how much of its limit is used, what is predicted, and where the margin begins.
+
+    No bar depends on its colour: the part of the limit stands beside it, with a sign where the margin is used.
+    """
+
+    DEFAULT_CSS = "LimitGauges { height: auto; padding: 0 1; text-wrap: nowrap; text-overflow: ellipsis; }"
+
+    def __init__(self, title: str) -> None:
+        super().__init__(classes="panel")
+        self.border_title = title
+        self._shown: tuple[Any, ...] = ()
+
+    def show(
+        self, motions: Sequence[LimitedMotion], margin: float, used: Sequence[float], predicted: Sequence[float]
+    ) -> None:
+        """Show what is used of each limit, and what is predicted; both are demands, and may be empty."""
+        wanted = (tuple(motions), margin, tuple(used), tuple(predicted), self.content_size.width)
+        if wanted != self._shown:
+            self._shown = wanted
+            text = self._text(motions, margin, used, predicted)
+            height = text.plain.count("\n") + 1
+            self.update(text, layout=height != self.content_size.height)  # a layout draws the whole screen
+
+    def on_resize(self) -> None:
+        """Draw bars of another length."""
+        if self._shown:
+            motions, margin, used, predicted, _ = self._shown
+            self.show(motions, margin, used, predicted)
+
+    def _text(
+        self, motions: Sequence[LimitedMotion], margin: float, used: Sequence[float], predicted: Sequence[float]
+    ) -> Content:
+        names = max((len(motion.name) for motion in motions), default=0)
+        values = max((len(_value_text(motion, used)) for motion in motions), default=0)
+        width = self.content_size.width or MAX_GAUGE
+        bar = width - names - values - OTHER_GAUGE_CELLS
+        is_narrow = bar < MIN_GAUGE
+        bar = min(width if is_narrow else bar, MAX_GAUGE)
+        lines = []
+        for motion in motions:
+            now = used[motion.place] / motion.limit if used else 0.0
+            expected = (predicted[motion.place] if predicted else motion.predicted) / motion.limit
+            colour = "$error" if now > 1 else "$warning" if now > 1 - margin else "$success"
+            gauge = Content.styled(_bar_text(now, expected, 1 - margin, bar), colour)
+            share = f" {100 * (now if used else expected):3.0f} %" if used or expected else ""
+            value = Content.assemble(
+                f"{_value_text(motion, used):<{values}}{share}",
+                ("" if colour == "$success" else " !", f"bold {colour}"),
+            )
+            parts = (value, "\n", gauge) if is_narrow else (gauge, "  ", value)
+            lines.append(Content.assemble((f"{motion.name:<{names}}  ", "bold"), *parts))
+        return Content("\n").join(lines)
+
+
+def _value_text(motion: LimitedMotion, used: Sequence[float]) -> str:
+    """Return a value beside its limit; without a value what is predicted, and the limit alone without either."""
+    value, limit = used[motion.place] if used else motion.predicted, prefixed_text(motion.limit, motion.unit)
+    return f"{prefixed_text(float(f'{value:.3g}'), motion.unit)} of {limit}" if used or value else limit
+
+
+def _bar_text(used: float, predicted: float, margin: float, width: int) -> str:
+    """Return a bar of `width` cells; all are parts of a limit."""
+    full = min(round(used * width), width)
+    cells = [FULL] * full + [EMPTY] * (width - full)
+    for part, sign in ((margin, MARGIN_SIGN), (predicted, PREDICTED_SIGN)):
+        place = min(int(part * width), width - 1)
+        if cells[place] == EMPTY:
+            cells[place] = sign
+    return "".join(cells)
+
 
 REFRESH_INTERVAL_S = 0.1
 """Time between two looks at what was reported."""

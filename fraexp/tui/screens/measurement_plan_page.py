@@ -12,10 +12,8 @@ from textual.widgets import Button, Static
 from fraexp.data.terminal_text import printable
 from fraexp.tui.dialogs import ConfirmDialog
 from fraexp.tui.page import Page
-from fraexp.tui.screens.measurement_page import MeasurementPage
-from fraexp.tui.services.live_measurement import LiveMeasurement
-from fraexp.tui.services.measurement_feed import PlanReport
-from fraexp.tui.widgets.limit_gauges import LimitGauges
+from fraexp.tui.screens.measurement_page import LimitGauges, MeasurementPage
+from fraexp.tui.services.live_measurement import LiveMeasurement, PlanReport
 from fraexp.tui.widgets.point_table import PointsTable
 from fraexp.views.words import plural
 

@@ -1,6 +1,7 @@
 """A small plot of sweeps beside a list, with the names of its curves: what Compare would show first."""
 
 import asyncio
+import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
@@ -17,11 +18,42 @@ from fraexp.errors import FraexpError
 from fraexp.store import Store
 from fraexp.tui.plotting.compared_sweeps import ComparedSweeps, compare_sweeps, read_marked_sweeps
 from fraexp.tui.plotting.plot_stack import PlotStack
-from fraexp.tui.services.refresh_budget import RefreshBudget
 from fraexp.views.fields import run_fields, sweep_fields
 
 if TYPE_CHECKING:
     from fraexp.tui.app import FraexpApp
+
+MAX_REST_S = 60.0
+"""Longest rest."""
+MAX_FIRST_REST_S = 10.0
+"""Longest rest after the first turn, which also imports what it needs."""
+
+
+class RefreshBudget:
+    """Bounds the processor time of repeated work to a share of the time, by a rest after each turn."""
+
+    def __init__(self, share: float) -> None:
+        self._share = share
+        self._began: float | None = None
+        self._rest_until = 0.0
+        self._longest_rest = MAX_FIRST_REST_S
+
+    @property
+    def is_resting(self) -> bool:
+        """Whether another turn would take more than the share."""
+        return time.monotonic() < self._rest_until
+
+    def begin(self) -> None:
+        """Note that a turn begins."""
+        self._began = time.process_time()
+
+    def end(self) -> None:
+        """Note that a turn is done, with all that it made the process do."""
+        if self._began is not None:
+            rest = (time.process_time() - self._began) / self._share
+            self._rest_until = time.monotonic() + min(rest, self._longest_rest)
+            self._began, self._longest_rest = None, MAX_REST_S
+
 
 Selected = tuple[list[str], list[tuple[str, str]]]
 """Keys of sweeps, and names and values of the details."""

@@ -1,0 +1,152 @@
+"""Export of a figure by the command that the screen shows, in a separate process."""
+
+import asyncio
+import os
+import shlex
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fraexp.data.terminal_text import printable
+from fraexp.errors import FraexpError
+from fraexp.figures.elements.stamp import check_suffix
+from fraexp.figures.elements.view import View
+from fraexp.store import url_without_password
+from fraexp.tui.dialogs import ConfirmDialog, InputDialog
+from fraexp.tui.page import Page
+from fraexp.tui.plotting.compared_sweeps import ComparedSweeps
+from fraexp.tui.services.selection import Selection
+from fraexp.views.words import plural, short_key
+from fraexp.workspace.workspace_service import WorkspaceService
+
+
+class CurveNames:
+    """What names the sweeps of curves on a command line, kept as there may be thousands of sweeps."""
+
+    def __init__(self, compared: ComparedSweeps, marks: Selection) -> None:
+        self._compared, self._marks = compared, marks
+        self._found: dict[tuple[int, ...], tuple[list[str], list[str]]] = {}
+
+    def of(self, places: Sequence[int]) -> tuple[list[str], list[str]]:
+        """Return the keys of the curves' sweeps, and the arguments that name them: a run and a filter, or keys."""
+        chosen = tuple(places)
+        if chosen not in self._found:
+            keys, origin = self._compared.keys_of(chosen), self._marks.origin
+            is_whole = bool(origin) and set(keys) == set(self._marks)
+            self._found[chosen] = keys, list(origin) if is_whole else list(map(short_key, keys))
+        return self._found[chosen]
+
+
+def compare_command(workspace: WorkspaceService, named: Sequence[str]) -> str:
+    """Return the command line that prints the differences between sweeps, which are `named` by its arguments."""
+    return shlex.join(["fraexp", "compare", *named, *_location_options(workspace)])
+
+
+def plot_command(
+    workspace: WorkspaceService,
+    named: Sequence[str],
+    kind: str,
+    file: str,
+    view: View,
+    by: Sequence[str] | None = None,
+) -> str:
+    """Return the command line that draws a figure of sweeps."""
+    return shlex.join(["fraexp", *plot_arguments(named, kind, file, view, by), *_location_options(workspace)])
+
+
+def plot_arguments(
+    named: Sequence[str], kind: str, file: str, view: View, by: Sequence[str] | None = None
+) -> list[str]:
+    """Return the arguments that draw a figure of sweeps, or the visible part of it; `by` makes its groups."""
+    grouping = [] if by is None else ["--group-by", *by]
+    return ["plot", *named, "--kind", kind, *view.options(), *grouping, "-o", file]
+
+
+def _location_options(workspace: WorkspaceService) -> list[str]:
+    """Return the options that name workspace and database, unless they are those of the current folder."""
+    here = workspace.folder.resolve() == Path.cwd()
+    usual = workspace.database == str(workspace.folder / "results.db")
+    folder = [] if here else [f"--workspace={workspace.folder}"]
+    return folder + ([] if usual else [f"--db={url_without_password(workspace.database)}"])
+
+
+@dataclass(frozen=True)
+class FigureExport:
+    """A figure of sweeps that is to be exported."""
+
+    count: int
+    """Number of its sweeps."""
+    named: Sequence[str]
+    """Arguments of a command line that name them."""
+    kind: str
+    view: View
+    by: Sequence[str] | None
+    """Labels that make groups; None: all."""
+
+    def ask(self, page: Page, proposed: str) -> None:
+        """Ask for a file, and draw the figure into it."""
+        if not self.count:
+            page.app.notify("all curves are hidden; press 0 to show them", severity="warning")
+            return
+        what = plural(self.count, "sweep")
+        question = f"Export {what} as a {self.kind} figure to this file (.png, .svg or .pdf):"
+
+        def export_to(answer: str | None) -> None:
+            file = Path(answer.strip()).expanduser() if answer else None
+            if file and file.exists():
+                asked = ConfirmDialog(f"{file} already exists. Overwrite it?")
+                page.app.push_screen(asked, lambda yes: self._start(page, file) if yes else None)
+            elif file:
+                self._start(page, file)
+
+        page.app.push_screen(InputDialog(question, proposed, file_fault), export_to)
+
+    def _start(self, page: Page, file: Path) -> None:
+        page.app.notify(f"drawing {printable(str(file))} …", timeout=3, markup=False)
+        page.run_worker(self._draw(page, file), group="export")
+
+    async def _draw(self, page: Page, file: Path) -> None:
+        workspace = page.app.backend.workspace
+        ended, text = await draw_figure(workspace, self.named, self.kind, file, self.view, self.by)
+        page.app.notify(printable(text), title="exported" if ended else "not exported",
+                        severity="information" if ended else "error", markup=False)  # fmt: skip
+
+
+def file_fault(text: str) -> str:
+    """Return the fault of a figure's file name; empty if it is valid."""
+    if not text.strip():
+        return "expected a file name, such as figure.png"
+    file = Path(text.strip()).expanduser()
+    try:
+        check_suffix(file)
+        if file.is_dir():
+            return "this is a folder; expected a file name"
+        if not file.parent.is_dir():
+            return f"{file.parent}: no such folder"
+    except (FraexpError, OSError, ValueError) as error:  # too long, or with a null character
+        return str(error)
+    return ""
+
+
+async def draw_figure(
+    workspace: WorkspaceService,
+    named: Sequence[str],
+    kind: str,
+    file: Path,
+    view: View,
+    by: Sequence[str] | None = None,
+) -> tuple[bool, str]:
+    """Draw the visible part of sweeps into a file; return whether it succeeded, and the path or the error.
+
+    `named` are the arguments of the command line that name the sweeps.
+    """
+    arguments = [*plot_arguments(named, kind, str(file), view, by), *workspace.location_options()]
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "fraexp", *arguments,
+        stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+        env=os.environ | workspace.location_environment(),
+    )  # fmt: skip
+    out, err = await process.communicate()
+    said = (err if process.returncode else out).decode(errors="replace").strip().splitlines()
+    return process.returncode == 0, said[-1] if said else str(file)
