@@ -1,7 +1,7 @@
 """Dialogs over a screen: a confirmation, and a line of text."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 from rich.text import Text
 from textual import on
@@ -16,15 +16,27 @@ from textual.widgets.selection_list import Selection
 from fraexp.data.terminal_text import printable
 from fraexp.tui.page import shorten
 
-BOX_CSS = """
-    width: 72; max-width: 96%; height: auto; padding: 1 2; background: $surface; border: round $primary;
-"""
+Answered = TypeVar("Answered")
 
 
-class ConfirmDialog(ModalScreen[bool]):
+class Dialog(ModalScreen[Answered]):
+    """A box over a screen."""
+
+    DEFAULT_CSS = """
+    Dialog { align: center middle; }
+    Dialog > Vertical {
+        width: 72; max-width: 96%; height: auto; padding: 1 2; background: $surface; border: round $primary;
+    }
+    """
+
+    def action_leave(self) -> None:
+        """Close without an answer."""
+        self.dismiss(None)
+
+
+class ConfirmDialog(Dialog[bool]):
     """A yes-or-no question; Enter answers no."""
 
-    DEFAULT_CSS = "ConfirmDialog { align: center middle; } ConfirmDialog > Vertical {" + BOX_CSS + "}"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("y", "answer(True)", "yes"),
         Binding("n,escape,enter", "answer(False)", "no"),
@@ -45,14 +57,10 @@ class ConfirmDialog(ModalScreen[bool]):
         self.dismiss(answer)
 
 
-class InputDialog(ModalScreen[str | None]):
+class InputDialog(Dialog[str | None]):
     """A question whose answer is a line of text; None after Esc."""
 
-    DEFAULT_CSS = (
-        "InputDialog { align: center middle; } InputDialog > Vertical {"
-        + BOX_CSS
-        + "} InputDialog .wrong { color: $text-error; }"
-    )
+    DEFAULT_CSS = "InputDialog .wrong { color: $text-error; }"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "leave", "cancel"),
         Binding("tab", "take", "complete", priority=True, tooltip="accept the completion"),
@@ -93,19 +101,11 @@ class InputDialog(ModalScreen[str | None]):
         if offered:
             line.value, line.cursor_position = offered, len(offered)
 
-    def action_leave(self) -> None:
-        """Close without an answer."""
-        self.dismiss(None)
 
-
-class GroupingDialog(ModalScreen[list[str] | None]):
+class GroupingDialog(Dialog[list[str] | None]):
     """The labels that make groups: without one of them, its values share a colour; None after Esc."""
 
-    DEFAULT_CSS = (
-        "GroupingDialog { align: center middle; } GroupingDialog > Vertical {"
-        + BOX_CSS
-        + "} GroupingDialog SelectionList { height: auto; max-height: 12; }"
-    )
+    DEFAULT_CSS = "GroupingDialog SelectionList { height: auto; max-height: 12; }"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "leave", "cancel"),
         Binding("enter", "answer", "show", priority=True),
@@ -131,7 +131,3 @@ class GroupingDialog(ModalScreen[list[str] | None]):
     def action_answer(self) -> None:
         """Return the chosen labels."""
         self.dismiss(list(self.query_one(SelectionList).selected))
-
-    def action_leave(self) -> None:
-        """Close without an answer."""
-        self.dismiss(None)

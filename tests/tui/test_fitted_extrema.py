@@ -53,7 +53,6 @@ def notes(shown: ShownResult, **view: object) -> dict[str, float]:
 
 def test_the_fit_replaces_maxima_of_the_points() -> None:
     assert notes(fitted()) == pytest.approx({"▼40±0.25": 40.0, "▲90±0.25": 90.0})
-    assert notes(fitted(), resonances=False) == {}
     assert notes(fitted(), hidden={0}) == {}
     plain = ShownResult("a", Result(Outcome.OK, response=resonant(GRID)))
     assert list(notes(plain)) == [f"▼{GRID[np.abs(np.log(GRID / 40)).argmin()]:.3g}"]

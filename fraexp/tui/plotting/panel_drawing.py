@@ -1,13 +1,13 @@
-"""What is drawn of a panel: grid, bands, curves, points, resonances and cursor, on a canvas of any resolution."""
+"""What is drawn of a panel: grid, bands, curves, points, resonances and cursor."""
 
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.tui.plotting.braille import Window
+from fraexp.tui.plotting.cell_canvas import CellCanvas, Limits, Points
 from fraexp.tui.plotting.curve_styles import CurveStyles, curve_digit
 from fraexp.tui.plotting.plotted_curves import REFERENCE, PlotPanel, PlotTrace
 
@@ -21,43 +21,16 @@ RESONANCE_PROMINENCE_DB = 3.0
 """Height above both sides from which a maximum of the magnitude is marked as a resonance [dB]."""
 MAX_RESONANCES = 6
 Phase = TypeVar("Phase", float, NDArray[np.float64])
-Points = tuple[NDArray[np.float64], NDArray[np.float64]]
-Limits = tuple[NDArray[np.float64], NDArray[np.float64] | None]
-
-
-class PlotCanvas(Protocol):
-    """An area on which a panel is drawn in the coordinates of its window."""
-
-    window: Window
-
-    def grid(self, x: Iterable[float], y: Iterable[float], colour: str) -> None:
-        """Draw grid lines."""
-
-    def band(self, key: Hashable, limits: Callable[[], Limits], colour: str) -> None:
-        """Shade the area between limits."""
-
-    def line(self, key: Hashable, points: Callable[[], Points], colour: str, dash: tuple[int, int] = (1, 1)) -> None:
-        """Draw a line."""
-
-    def signs(self, x: NDArray[np.float64], y: NDArray[np.float64], sign: str, colour: str) -> None:
-        """Draw a sign at points."""
-
-    def note(self, x: float, y: float, text: str, colour: str) -> None:
-        """Write a text above a point."""
-
-    def upright(self, x: float, colour: str) -> None:
-        """Draw a vertical line."""
 
 
 @dataclass
 class ViewRange:
-    """The visible part of a picture: hidden curves, focus, cursor, bands, resonances and phase wrapping."""
+    """The visible part of a picture: hidden curves, focus, cursor, bands and phase wrapping."""
 
     hidden: set[int] = field(default_factory=set)
     focus: int = 0
     cursor: float | None = None
     bands: bool = True
-    resonances: bool = True
     wrapped: bool = False
 
     def order(self, traces: Iterable[PlotTrace]) -> list[PlotTrace]:
@@ -91,7 +64,7 @@ class PanelDrawing:
         """Whether the panel shows a wrapped phase."""
         return self.panel.angle and self.view_range.wrapped
 
-    def draw(self, canvas: PlotCanvas, ticks: tuple[Sequence[float], Sequence[float]]) -> None:
+    def draw(self, canvas: CellCanvas, ticks: tuple[Sequence[float], Sequence[float]]) -> None:
         """Draw everything within the axes, with grid lines at `ticks` of x and y."""
         traces = self.view_range.order(self.panel.traces)
         if not self.styles.digits:
@@ -111,7 +84,7 @@ class PanelDrawing:
         x, _, band = settled_line(trace, self.wrapped)
         return x, band
 
-    def _draw_trace(self, canvas: PlotCanvas, trace: PlotTrace) -> None:
+    def _draw_trace(self, canvas: CellCanvas, trace: PlotTrace) -> None:
         def points() -> Points:
             x, y, _ = settled_line(trace, self.wrapped)
             return x, y
@@ -129,9 +102,9 @@ class PanelDrawing:
                 y = wrap_degrees(trace.y[seen]) if self.wrapped else trace.y[seen]
                 canvas.signs(trace.x[seen], y, sign, style)
 
-    def _draw_signs(self, canvas: PlotCanvas, traces: Sequence[PlotTrace]) -> None:
+    def _draw_signs(self, canvas: CellCanvas, traces: Sequence[PlotTrace]) -> None:
         """Draw the resonances of the focused curve, and digits where colours do not distinguish curves."""
-        focused = [trace for trace in traces if trace.curve == self.view_range.focus and self.view_range.resonances]
+        focused = [trace for trace in traces if trace.curve == self.view_range.focus]
         fitted = [extremum for trace in focused for extremum in trace.extrema]
         for trace in focused:
             style = f"bold {self.styles.style(trace.curve)}"
@@ -144,7 +117,7 @@ class PanelDrawing:
             if self.styles.digits and trace.curve != REFERENCE and not trace.model:
                 self._draw_digits(canvas, trace, (place + 0.5) / len(traces))
 
-    def _draw_digits(self, canvas: PlotCanvas, trace: PlotTrace, turn: float) -> None:
+    def _draw_digits(self, canvas: CellCanvas, trace: PlotTrace, turn: float) -> None:
         """Draw the digit of a curve at some places along it, which differ between curves."""
         x, y, _ = settled_line(trace, self.wrapped)
         left, right, bottom, top = canvas.window
@@ -154,7 +127,7 @@ class PanelDrawing:
             found = seen[[int(np.argmin(np.abs(x[seen] - at))) for at in wanted]]
             canvas.signs(x[found], y[found], curve_digit(trace.curve), f"bold {self.styles.style(trace.curve)}")
 
-    def _draw_cursor(self, canvas: PlotCanvas, traces: Sequence[PlotTrace]) -> None:
+    def _draw_cursor(self, canvas: CellCanvas, traces: Sequence[PlotTrace]) -> None:
         cursor = self.view_range.cursor
         if cursor is None or (self.upright and self.panel.spectral and cursor <= 0):
             return
