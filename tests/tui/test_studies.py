@@ -4,12 +4,14 @@ import shutil
 
 import pytest
 
+from fraexp.execution.events import TimeLeft
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.screens import studies_page
 from fraexp.tui.screens.launch_page import LaunchPage
 from fraexp.tui.screens.studies_page import FilePage, StudiesPage
-from fraexp.tui.services.study_survey import SurveyProcess
+from fraexp.tui.services.study_survey import SURVEY_LINE, SurveyProcess
 from fraexp.tui.widgets.filter_line import FilterLine
+from fraexp.views.study import StudySurvey
 from tests.tui.pilots import pilot_of, screen_text, shows, until
 
 
@@ -54,6 +56,11 @@ def test_states_come_one_by_one_and_the_preview_tells_what_a_study_asks(workspac
         await shows(pilot, "quick")
 
     pilot_of(workspace, steps, (120, 40))
+
+
+def test_a_survey_is_the_same_after_its_way_from_the_other_process():
+    found = StudySurvey("a", 3, 1, 2, time=TimeLeft(4.0, 2, 1))
+    assert SURVEY_LINE.validate_json(SURVEY_LINE.dump_json(found)) == found
 
 
 @pytest.mark.thorough

@@ -1,17 +1,20 @@
 """The survey of all studies in a separate process, as resolving them takes seconds."""
 
-import json
 import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import asdict
+
+from pydantic import TypeAdapter
 
 from fraexp.errors import FraexpError
 from fraexp.views.study import StudySurvey, survey_studies
 from fraexp.workspace.workspace_folder import DATABASE_VARIABLE
 from fraexp.workspace.workspace_service import WorkspaceService
+
+SURVEY_LINE = TypeAdapter(StudySurvey)
+"""Writes a survey as a line of JSON, and reads it."""
 
 
 class SurveyProcess:
@@ -34,8 +37,8 @@ class SurveyProcess:
                 process.kill()
             for line in process.stdout or ():
                 if not self._stopped:
-                    with suppress(ValueError, TypeError):  # a line that a plugin has printed
-                        tell(StudySurvey(**json.loads(line)))
+                    with suppress(ValueError):  # a line that a plugin has printed
+                        tell(SURVEY_LINE.validate_json(line))
 
     def stop(self) -> None:
         """Kill the process, and prevent that another one starts."""
@@ -51,7 +54,7 @@ def main() -> None:
     os.nice(5)  # running studies have priority
     workspace = WorkspaceService.open(folder, os.environ[DATABASE_VARIABLE])
     for found in survey_studies(workspace, workspace.catalogue(), first):
-        print(json.dumps(asdict(found)), flush=True)
+        print(SURVEY_LINE.dump_json(found).decode(), flush=True)
 
 
 if __name__ == "__main__":
