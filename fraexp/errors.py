@@ -86,7 +86,3 @@ def did_you_mean(name: str, options: Iterable[str]) -> str:
     if near:
         return f"; did you mean '{near[0]}'?"
     return f"; known: {', '.join(known)}" if known else ""
-
-
-class FormerNameWarning(FutureWarning):
-    """A study or an option uses former names; they still work."""

@@ -8,11 +8,9 @@ import signal
 import sys
 import threading
 import traceback
-import warnings
 from argparse import Namespace
 from collections.abc import Sequence
 from types import ModuleType
-from typing import Any
 
 from fraexp.cli.arguments import COMMANDS, parse
 from fraexp.cli.exits import ExitCode
@@ -23,7 +21,6 @@ from fraexp.errors import (
     BeginError,
     BusyError,
     FilterError,
-    FormerNameWarning,
     FraexpError,
     LimitError,
     MachineError,
@@ -73,7 +70,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal without µ or ° must not end a run
             stream.reconfigure(errors="backslashreplace")
-    warnings.showwarning = _show_warning
     try:
         code = _parse_and_execute(arguments)
         sys.stdout.flush()
@@ -94,17 +90,6 @@ def _report_output_failure(error: OSError) -> ExitCode:
         return ExitCode.PIPE_CLOSED
     say(f"fraexp: standard output cannot be written ({error.strerror or error}); choose another file, or make room")
     return ExitCode.OUTPUT
-
-
-_show_as_python_does = warnings.showwarning
-
-
-def _show_warning(message: Warning | str, category: type[Warning], *details: Any, **more: Any) -> None:
-    """Print advice to users as one line; other warnings are for programmers, and are shown as Python shows them."""
-    if issubclass(category, FormerNameWarning):
-        say(f"fraexp: {message}")
-    else:
-        _show_as_python_does(message, category, *details, **more)
 
 
 def _parse_and_execute(arguments: Sequence[str] | None) -> int:

@@ -7,12 +7,7 @@ from pathlib import Path
 from typing import Any
 
 TAG = "fx2"
-"""Names how keys are made, so that a later change shows.
-
-The key of a sweep is the hash of its sections' hashes since ``fx2``; it was the hash of their whole text before.
-"""
-TAGS = ("fx1", TAG)
-"""All that a database may hold."""
+"""Names how keys are made, so that a later change shows."""
 HASH_BYTES = 20
 FileStamp = tuple[int, int]
 """Time of the last change [ns] and size of a file."""
@@ -62,6 +57,6 @@ def file_stamps(folder: Path) -> dict[str, FileStamp]:
 def key_heads(prefix: str) -> list[str]:
     """Return how keys begin that a user means by a prefix, with or without its tag; none if no key begins so."""
     head = prefix.strip().lower()
-    whole = [head] if any(head.startswith(tag) or f"{tag}-".startswith(head) for tag in TAGS) else []
+    whole = [head] if head.startswith(TAG) or f"{TAG}-".startswith(head) else []
     is_hexadecimal = not set(head) - set("0123456789abcdef")
-    return [*whole, *(f"{tag}-{head}" for tag in TAGS if is_hexadecimal)]
+    return [*whole, *([f"{TAG}-{head}"] if is_hexadecimal else [])]

@@ -39,8 +39,6 @@ class Outcome(Enum):
         "what the database has stored of it is damaged: fraexp delete it and run its study again, or restore a copy; "
         "fraexp merge saves all that is sound into a new database"
     )
-    NO_SIGNAL = NO_MOTION  # former names, which databases may hold
-    FAILED = ERROR
 
     def remedy(self, message: str) -> str:
         """Return what to do about a result with this message.
@@ -52,11 +50,6 @@ class Outcome(Enum):
         if self is Outcome.INACCURATE and message and is_whole:
             return "the message is about the whole result: do what it advises, or use no number that must be accurate"
         return self.value
-
-    @property
-    def stored_names(self) -> list[str]:
-        """Names under which databases may hold it."""
-        return [name for name, member in type(self).__members__.items() if member is self]
 
 
 UNUSABLE_OUTCOMES = (Outcome.NO_MOTION, Outcome.DIVERGED, Outcome.ERROR, Outcome.DAMAGED)

@@ -6,7 +6,7 @@ from typing import Any
 
 from fraexp.components.providers import Provider
 from fraexp.components.registry import Registry
-from fraexp.data.identity import TAG, canonical
+from fraexp.data.identity import canonical
 from fraexp.data.results import UNUSABLE_OUTCOMES
 from fraexp.data.sweep import Plain, Sweep, section_digest
 from fraexp.data.units import with_powers
@@ -97,9 +97,6 @@ def _explain_new(new: list[Sweep], store: Store | None, study: str, registry: Re
         yield Why(True, "new", f"not stored; run {run.number} has too many sweeps to be compared with", new)
         return
     stored = store.sweeps(run.number)
-    if not any(of.key.startswith(TAG) for of in stored):  # whose parameters have former names, most of them
-        yield Why(True, "new", f"run {run.number} was stored by an earlier version, under other keys", new)
-        return
     broken = {of.key: of.message for of in stored if of.outcome is None and of.state == "failed"}
     again = [sweep for sweep in new if sweep.key in broken]
     if again:

@@ -45,7 +45,7 @@ def measurement_tasks(
     study: ResolvedStudy, folder: Path, registry: Registry, overrides: Sequence[str] = ()
 ) -> list[MeasurementTask]:
     """Return the experiments of a study, in its order; StudyError if one of them cannot be played."""
-    cases, grid = outline(study.file, folder, registry, overrides)
+    cases, grid = outline(study.file, folder, overrides)
     for path in grid:
         if path.partition(".")[0] in ("limits", "measurement"):
             raise StudyError(f"{study.file}, [grid]: '{path}' cannot vary within one measurement; leave it out")

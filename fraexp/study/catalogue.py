@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from fraexp.errors import FraexpError
-from fraexp.study.former_names import current_tables
 from fraexp.study.study_file import describe_study, packaged_studies, read, study_name
 
 FIRST_STUDY = "quick"
@@ -65,7 +64,7 @@ def _stamp(file: Path) -> int:
 @lru_cache(4096)
 def _entry(name: str, file: Path, stamp: int) -> StudyEntry:
     try:
-        data = current_tables(read(file), file)
+        data = read(file)
         study = describe_study(name, file, data)
     except FraexpError as error:
         return StudyEntry(name, file, name, "", str(error), stamp=stamp)

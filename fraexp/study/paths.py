@@ -59,23 +59,6 @@ def unit_at(sections: Mapping[str, Any], path: str, registry: Registry) -> str:
     return unit_of(info, rotary=is_rotary(sections)) if info else ""
 
 
-def first_path(sections: Mapping[str, Any], path: str, registry: Registry) -> str:
-    """Return a path under the first names of its parameters, which random streams keep when parameters are renamed."""
-    section, parts, value = _descend(sections, path)
-    owner = SETTINGS.get(section) or component_of(section, value, registry)
-    first = path.split(".")[: -len(parts) or None]
-    for part in parts:
-        info = owner.model_fields.get(part) if owner else None
-        former = [old for old, new in owner.renamed_parameters().items() if new == part] if owner else []
-        first += former[:1] or [part]
-        if isinstance(value, list):
-            value = value[int(part)] if part.isdecimal() and int(part) < len(value) else None
-        else:
-            value = value.get(part) if isinstance(value, Mapping) else None
-        owner = _owner(info, value, registry)
-    return ".".join(first)
-
-
 def declared_at(sections: Mapping[str, Any], path: str, registry: Registry) -> FieldInfo | None:
     """Return how the parameter at a path is declared; None where that is not known."""
     section, parts, value = _descend(sections, path)

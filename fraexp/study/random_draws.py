@@ -15,7 +15,7 @@ from fraexp.components.registry import Registry, create
 from fraexp.data import units
 from fraexp.data.sweep import DRAW, Sweep, as_section
 from fraexp.errors import FraexpError, ParameterError, StudyError, did_you_mean
-from fraexp.study.paths import SETTINGS, first_path, replace_at, unit_at, value_at
+from fraexp.study.paths import SETTINGS, replace_at, unit_at, value_at
 
 COMPONENT_KINDS = tuple(kind.kind for kind in KINDS)
 KEYS = ("count", "seed", "draw")
@@ -122,8 +122,7 @@ class Draws:
         """Return the numbers that are drawn around those of an experiment's sections: by path, `count` of each."""
         found = {}
         for entry in self.entries:
-            stream = [first_path(sections, path, registry) for path in entry.paths]
-            variates = entry.variates(self.seed, self.count, stream)
+            variates = entry.variates(self.seed, self.count, entry.paths)
             for path in entry.paths:
                 try:
                     found[path] = _sample_around(sections, path, entry, variates, registry)

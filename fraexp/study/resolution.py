@@ -212,7 +212,7 @@ class Resolver:
         owner = None if name in SETTINGS else component_of(name, section, self._registry)
         if owner is None:
             return
-        known = owner.model_fields.keys() | owner.renamed_parameters().keys() | {"name", "version", "preset"}
+        known = owner.model_fields.keys() | {"name", "version", "preset"}
         for key in section.keys() - known:
             if other := next((of for of, settings in SETTINGS.items() if key in settings.model_fields), None):
                 raise StudyError(f"{where}: {section['name']} has no parameter '{key}'; it belongs into [{other}]")

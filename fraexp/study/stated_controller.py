@@ -9,7 +9,6 @@ from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.sweep import components_by_port
 from fraexp.errors import StudyError
 from fraexp.simulation.machine import ControlLoop
-from fraexp.study.former_names import CurrentNames
 from fraexp.study.sections import overlay
 from fraexp.study.study_file import find_studies, machine_of, read
 
@@ -23,9 +22,8 @@ def stated_controller(name: str, folder: Path, registry: Registry) -> dict[str, 
     """
     ((_, file),) = find_studies(name, folder)[:1]
     data = read(file)
-    machine = machine_of(data, file, folder, registry)
-    current = CurrentNames(registry, str(file)).study(data, machine)
-    sections = {key: overlay(machine.get(key, {}), current.get(key, {})) for key in NEEDED}
+    machine = machine_of(data, file, folder)
+    sections = {key: overlay(machine.get(key, {}), data.get(key, {})) for key in NEEDED}
     missing = next((key for key in NEEDED if not sections[key]), None)
     if missing:
         raise StudyError(f"{file}: lacks the section [{missing}]; expected [controller] and [loop], or a machine")

@@ -16,7 +16,6 @@ from fraexp.data.figure_kinds import check_kind
 from fraexp.data.sweep import Sweep
 from fraexp.errors import FraexpError, StudyError, did_you_mean
 from fraexp.study import published_values
-from fraexp.study.former_names import CurrentNames, current_tables
 from fraexp.study.published_values import PublishedNumber
 from fraexp.study.random_draws import Draws, sample_sweeps
 from fraexp.study.resolution import Resolver
@@ -129,11 +128,11 @@ def resolve(
 ) -> ResolvedStudy:
     """Return the study that the data of a file describe, without reading the file itself."""
     describe_study(name, file, data)  # first what is wrong with the file as a whole
-    if not any(key in SECTIONS or key in ("case", "machine") for key in current_tables(data, file)):
+    if not any(key in SECTIONS or key in ("case", "machine") for key in data):
         empty = "the study is empty" if not data else "the study has no sections"
         example = packaged_studies() / "quick.toml"
         raise StudyError(f"{file}: {empty}; expected [excitation] and [estimator] at least, as in {example}")
-    written = _apply_current_names(file, data, folder, registry, overrides)
+    written = _written(file, data, folder, overrides)
     grid = _grid(file, written)
     draws = _draws(written, grid, file)
     study = describe_study(name, file, written.data)
@@ -158,21 +157,21 @@ def resolve(
 
 
 def outline(
-    file: Path, folder: Path, registry: Registry, overrides: Sequence[str] = ()
+    file: Path, folder: Path, overrides: Sequence[str] = ()
 ) -> tuple[list[dict[str, Any]], dict[str, list[Any]]]:
     """Return the sections of each case as they are written, machine included, and the axes of the grid.
 
     Nothing is resolved: what does not fit into a section shows when the study is loaded.
     """
     data = read(file)
-    _check_keys(current_tables(data, file), file)
-    written = _apply_current_names(file, data, folder, registry, overrides)
+    _check_keys(data, file)
+    written = _written(file, data, folder, overrides)
     return [dict(case.sections) for case in _merged_cases(file, written)], _grid(file, written)
 
 
 def describe_study(name: str, file: Path, data: Mapping[str, Any] | None = None) -> ResolvedStudy:
     """Return the words and printed numbers of a study's file, or of its data, without its sweeps."""
-    data = current_tables(read(file) if data is None else data, file)
+    data = read(file) if data is None else data
     _check_keys(data, file)
     try:
         numbers = PublishedNumber.parse_all(data.get("published", []))
@@ -185,7 +184,7 @@ def describe_study(name: str, file: Path, data: Mapping[str, Any] | None = None)
 
 @dataclass(frozen=True)
 class _Written:
-    """What a study, its machine and the command line say, under the names of today."""
+    """What a study, its machine and the command line say."""
 
     data: Mapping[str, Any]
     machine: Mapping[str, Any]
@@ -194,18 +193,8 @@ class _Written:
     """Paths and values that the command line sets."""
 
 
-def _apply_current_names(
-    file: Path, data: Mapping[str, Any], folder: Path, registry: Registry, overrides: Sequence[str]
-) -> _Written:
-    """Return what is written, with a warning of former names."""
-    machine = machine_of(data, file, folder, registry)
-    names = CurrentNames(registry, str(file))
-    current = names.study(data, machine)
-    names.warn(file)
-    options = CurrentNames(registry, "--set")
-    changes = [options.change(*override(text), current, machine) for text in overrides]
-    options.warn("--set")
-    return _Written(current, machine, changes)
+def _written(file: Path, data: Mapping[str, Any], folder: Path, overrides: Sequence[str]) -> _Written:
+    return _Written(data, machine_of(data, file, folder), [override(text) for text in overrides])
 
 
 def _check_keys(data: Mapping[str, Any], file: Path) -> None:
@@ -235,12 +224,11 @@ def read(file: Path) -> dict[str, Any]:
         raise StudyError(f"{file}: cannot be read: {error.strerror}") from None
 
 
-def machine_of(data: Mapping[str, Any], study: Path, folder: Path, registry: Registry) -> dict[str, Any]:
-    """Return the sections of the machine that a study names, under the names of today; none if it names none."""
-    return _machine(data["machine"], study, folder, registry) if "machine" in data else {}
-
-
-def _machine(name: Any, study: Path, folder: Path, registry: Registry) -> dict[str, Any]:
+def machine_of(data: Mapping[str, Any], study: Path, folder: Path) -> dict[str, Any]:
+    """Return the sections of the machine that a study names; none if it names none."""
+    if "machine" not in data:
+        return {}
+    name = data["machine"]
     if not isinstance(name, str) or len(name) > MAX_NAME_LENGTH or "\0" in name:
         raise StudyError(f"{study}: machine is {_shorten(name)}; expected the name of a file in studies/machines")
     places = (study.parent / "machines", folder / "studies" / "machines", packaged_studies() / "machines")
@@ -251,10 +239,7 @@ def _machine(name: Any, study: Path, folder: Path, registry: Registry) -> dict[s
             unknown = sorted(set(data) - {"title", "source", *MACHINE})
             if unknown:
                 raise StudyError(f"{file}: a machine has no section '{unknown[0]}'{did_you_mean(unknown[0], MACHINE)}")
-            current = CurrentNames(registry, str(file))
-            sections = current.sections(data, {})
-            current.warn(file)
-            return sections
+            return {key: value for key, value in data.items() if key in MACHINE}
     names = {file.stem for place in places for file in place.glob("*.toml")}
     raise StudyError(f"{study}: there is no machine '{name}'{did_you_mean(name, names)}")
 

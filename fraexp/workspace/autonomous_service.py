@@ -91,7 +91,7 @@ class AutonomousService:
         if len(found) != 1:
             raise StudyError(f"{study}: it is a folder of {len(found)} studies; measure one at a time")
         (self._name, self._file), self._service = found[0], service
-        cases, grid = outline(self._file, service.folder, service.registry, overrides)
+        cases, grid = outline(self._file, service.folder, overrides)
         if len(cases) > 1 or grid:
             raise StudyError(f"{self._file}: an autonomous measurement has one machine; leave out cases and grid")
         self._sections = cases[0]

@@ -77,7 +77,7 @@ def stated_force_limit(service: WorkspaceFolder, sweep: StoredSweep) -> float | 
             file = Path(run.study_file)
             if file.is_file() and any(of.experiment == sweep.experiment for of in store.sweeps(run.number)):
                 with suppress(StudyError):  # it has changed since
-                    cases, _ = outline(file, service.folder, service.registry)
+                    cases, _ = outline(file, service.folder)
                     rotary = is_rotary(sweep.experiment)
                     limits = [MotionLimits.parse(case.get("limits", {}), "limits", rotary=rotary) for case in cases]
                     if found := [each.force for each in limits if each.force is not None]:

@@ -1,6 +1,5 @@
 """Fits of plant models to stored responses, as estimator specifications, and fitted plants as matrices."""
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -10,7 +9,7 @@ from fraexp.components.registry import Registry, create
 from fraexp.data import toml
 from fraexp.data.results import Fit
 from fraexp.data.sweep import Sweep
-from fraexp.errors import FormerNameWarning, ParameterError, StudyError, did_you_mean
+from fraexp.errors import StudyError, did_you_mean
 from fraexp.store import StoredSweep
 
 COEFFICIENT_ROUNDING = 1e-12
@@ -47,7 +46,7 @@ def as_fit_sweeps(
 
     A setting without a value, such as ``modes=``, restores the default.
     """
-    given = _current_settings(registry, fitting, settings, tell=True)
+    given = dict(_parse_setting(text) for text in settings)
     found = []
     for sweep in sweeps:
         inner = sweep.estimator[METHOD_PARAMETER] if sweep.estimator["name"] == fitting else sweep.estimator
@@ -72,28 +71,13 @@ def inherited_fit_settings(
     """Return the settings of a sweep's own fit that differ from the defaults and are not in `settings`."""
     if sweep.estimator["name"] != fitting:
         return {}
-    anew = {METHOD_PARAMETER, *_current_settings(registry, fitting, settings)}
+    anew = {METHOD_PARAMETER, *(_parse_setting(text)[0] for text in settings)}
     parameters = registry.provider(Estimator.kind, fitting).component.model_fields
     return {
         name: value
         for name, value in sweep.estimator.items()
         if name in parameters and name not in anew and value is not None and value != parameters[name].default
     }
-
-
-def _current_settings(
-    registry: Registry, fitting: str, settings: Sequence[str], tell: bool = False
-) -> dict[str, object]:
-    """Return the values of settings under the names of today; `tell`: warn of former names."""
-    given = dict(_parse_setting(text) for text in settings)
-    try:
-        current = registry.provider(Estimator.kind, fitting).component.with_current_names(given)
-    except ParameterError as error:
-        raise StudyError(f"--set: {error}") from None
-    for old, new in zip(given, current, strict=True):
-        if tell and old != new:
-            warnings.warn(f"--set: {old} is now {new}", FormerNameWarning, stacklevel=3)
-    return current
 
 
 def _parse_setting(text: str) -> tuple[str, object]:

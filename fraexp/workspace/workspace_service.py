@@ -201,7 +201,7 @@ class WorkspaceService(WorkspaceFolder):
     ) -> tuple[list[dict[str, object]], dict[str, list[object]]]:
         """Return the sections of each case of a study as written, and the axes of its grid; nothing is resolved."""
         ((_, file),) = find_studies(study, self.folder)[:1]
-        return outline(file, self.folder, self.registry, overrides)
+        return outline(file, self.folder, overrides)
 
     def launch(
         self,

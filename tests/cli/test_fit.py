@@ -97,19 +97,9 @@ def test_a_fit_of_a_fit_keeps_its_band_and_says_so(computed: Path, capsys: pytes
     assert (last["min_frequency"], last["max_frequency"], last["modes"]) == (20, 120, None)
 
 
-@pytest.mark.thorough
-@pytest.mark.filterwarnings("default::fraexp.errors.FormerNameWarning")
-def test_a_setting_by_its_former_name_is_taken_and_told(computed: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["fit", "1", "--set", "modes=2", "--set", "highest=150"]) == 0
-    assert "--set: highest is now max_frequency\n" in capsys.readouterr().err
-    with Store.open(str(computed / "results.db"), read_only=True) as store:
-        assert store.sweeps(2)[0].estimator["max_frequency"] == 150
-
-
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        thorough(["1", "--set", "highest=9", "--set", "max_frequency=9"], "'highest' is now called 'max_frequency'"),
         (["1", "--set", "mode=2"], "has no parameter 'mode'; did you mean 'modes'?"),
         thorough(["1", "--set", "modes"], "expected PARAMETER=VALUE"),
         thorough(["1", "--estimator", "modal_fits"], "did you mean 'modal_fit'?"),

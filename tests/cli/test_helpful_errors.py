@@ -9,7 +9,6 @@ from fraexp.cli.main import main
 from fraexp.data import toml
 from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Section, Sweep
-from fraexp.errors import FormerNameWarning
 from fraexp.store import Store
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -50,12 +49,6 @@ def test_a_mistake_in_a_study_is_answered_in_the_users_words(
     text: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert said in error_of(text, tmp_path, capsys)
-
-
-def test_a_stroke_of_the_loop_may_be_meant_as_a_limit(tmp_path: Path) -> None:
-    (tmp_path / "s.toml").write_text(f'{HEAD}amplitude = 12\n{ESTIMATOR}[loop]\nstroke = "10 mm"')
-    with pytest.warns(FormerNameWarning, match=r"\(what the machine allows is limits.stroke\)"):
-        WorkspaceService.open(tmp_path).studies([str(tmp_path / "s.toml")])
 
 
 def test_plain_data_are_shown_as_they_are_written() -> None:

@@ -1,8 +1,6 @@
 """Filters, sorting and pages: what SQL answers is what plain Python answers."""
 
 import json
-import sqlite3
-from contextlib import closing
 from dataclasses import replace
 from datetime import datetime, timedelta
 
@@ -16,7 +14,6 @@ from fraexp.errors import StoreError
 from fraexp.store import Store
 from fraexp.store.queries.filters import Condition, parse_filter
 from tests.examples import portion
-from tests.store.conftest import reseal
 
 OK = Result(Outcome.OK)
 
@@ -325,19 +322,3 @@ def test_a_day_is_that_of_the_clock_on_the_wall(filled):
     assert filled.page(f"created={today:%Y-%m-%d}").total == 3
     assert filled.page(f"created>{today:%Y-%m-%d}").total == 0
     assert filled.page(f"created>={today - timedelta(days=1):%Y-%m-%d}").total == 3
-
-
-def test_keys_and_outcomes_of_earlier_versions_are_found(tmp_path) -> None:
-    grid = [Sweep({"source": "loop", "number": number}, {"name": "e"}) for number in range(2)]
-    grid[0].key = "fx1-" + grid[0].key[4:]
-    with Store.open(str(tmp_path / "results.db"), create=True) as store:
-        run = store.begin_run("former", "f", "c", {}, grid)
-        store.save(run, [(sweep, Result(Outcome.NO_MOTION, "nothing moves"), {}) for sweep in grid])
-        with closing(sqlite3.connect(tmp_path / "results.db")) as connection, connection:
-            connection.execute("UPDATE sweep SET outcome = 'NO_SIGNAL' WHERE key LIKE 'fx1-%'")
-        reseal(str(tmp_path / "results.db"))
-        for sweep in grid:
-            assert store.find(sweep.key[4:14]).key == sweep.key
-            assert store.find(sweep.key[:14]).outcome is Outcome.NO_MOTION
-        for text in ("outcome:no_motion", "outcome:no_signal", "state:unusable", "key:fx"):
-            assert {row.key for row in store.page(text).rows} == {sweep.key for sweep in grid}

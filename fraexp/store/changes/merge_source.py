@@ -158,13 +158,9 @@ def _source_sweep(row: RowMapping, sections: tuple[RowValues, RowValues], beside
         damage.append("tags or note")
         tags, note = (), ""
     has_result = row["outcome"] is not None and not damage_of_result(damage)
-    columns = {name: row[name] for name in RESULT_COLUMNS} | {"outcome": _current_name(row["outcome"])}
+    outcome = Outcome[row["outcome"]].name if row["outcome"] else None  # of an unknown one nothing is read
+    columns = {name: row[name] for name in RESULT_COLUMNS} | {"outcome": outcome}
     return SourceSweep(Sweep(*sections, {}), columns if has_result else {}, rows, tags, note, tuple(damage))
-
-
-def _current_name(outcome: str | None) -> str | None:
-    """Return the current name of an outcome; KeyError if it is unknown."""
-    return Outcome[outcome].name if outcome else None
 
 
 def damage_of_result(damage: Sequence[str]) -> bool:

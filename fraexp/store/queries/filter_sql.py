@@ -203,7 +203,7 @@ def _state_sql(condition: Condition, number: int | None) -> ColumnElement[bool]:
     _check_equality(condition)
     word = condition.value.lower()
     if word == UNUSABLE:
-        unusable = [name for outcome in UNUSABLE_OUTCOMES for name in outcome.stored_names]
+        unusable = [outcome.name for outcome in UNUSABLE_OUTCOMES]
         return or_(_in_run_sql(number, run_sweep.c.state == "failed"), sweep.c.outcome.in_(unusable))
     if word == "computed":  # like sweeps that no run has any more
         return not_(_in_run_sql(number, run_sweep.c.state != word))
@@ -232,7 +232,7 @@ def _outcome_named(condition: Condition, others: tuple[str, ...]) -> ColumnEleme
         raise FilterError(
             f"filter: there is no {condition.field} '{condition.value}'{did_you_mean(word.lower(), known)}"
         )
-    return sweep.c.outcome.in_(Outcome[word].stored_names)
+    return sweep.c.outcome == word
 
 
 def _tag_sql(condition: Condition) -> ColumnElement[bool]:

@@ -96,7 +96,7 @@ def read_runs(connection: Connection, number: int | None = None) -> list[RunSumm
 
 def _unusable_query(number: int | None) -> Query:
     """Return the query of how many results of each run, or of one, are unusable, damaged outcomes included."""
-    names = [name for outcome in Outcome if outcome not in UNUSABLE_OUTCOMES for name in outcome.stored_names]
+    names = [outcome.name for outcome in Outcome if outcome not in UNUSABLE_OUTCOMES]
     unusable = run_sweep.c.key.in_(select(sweep.c.key).where(sweep.c.outcome.not_in(names)))
     query = select(run_sweep.c.run, func.count().label("unusable")).where(unusable, run_sweep.c.state != "failed")
     return (query if number is None else query.where(run_sweep.c.run == number)).group_by(run_sweep.c.run)
