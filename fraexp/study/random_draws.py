@@ -31,22 +31,10 @@ class Draw(Parameters):
     half_width: float | str | None = param("", "half width of a uniform distribution, in SI or with a unit", None)
     distribution: Literal["normal", "uniform"] = param("", "distribution", "normal")
 
-    @classmethod
-    def with_current_names(cls, data: Mapping[str, Any]) -> dict[str, Any]:
-        """Return values by the names of today: `deviation` was the amount of either distribution."""
-        amount = cls._amount_of(data.get("distribution"))
-        if "deviation" in data and amount in data:
-            raise ParameterError(f"'deviation' is now called '{amount}', and both are given; remove 'deviation'")
-        return {amount if key == "deviation" else key: value for key, value in data.items()}
-
-    @staticmethod
-    def _amount_of(distribution: Any) -> str:
-        return "half_width" if distribution == "uniform" else "std"
-
     @property
     def amount_name(self) -> str:
         """Name of the parameter that gives the width of the distribution as an amount."""
-        return self._amount_of(self.distribution)
+        return "half_width" if self.distribution == "uniform" else "std"
 
     def model_post_init(self, context: object) -> None:
         """Check that the numbers and one width of the distribution are given."""

@@ -136,8 +136,8 @@ def _add_run_sweeps(writer: Connection, number: int, started: datetime, rows: Se
     later = {row.key for row in latest if row.started > started}
     overtaken = [row.key for row in latest if row.started <= started and row.run != number]
     if overtaken:
-        former = update(run_sweep).where(run_sweep.c.key.in_(overtaken), run_sweep.c.standing == STANDING_LATEST)
-        writer.execute(former.values(standing=STANDING_OVERTAKEN))
+        earlier = update(run_sweep).where(run_sweep.c.key.in_(overtaken), run_sweep.c.standing == STANDING_LATEST)
+        writer.execute(earlier.values(standing=STANDING_OVERTAKEN))
     added = [
         new_run_sweep(row | {"run": number, "standing": _standing(row, later)})
         for row in rows
