@@ -141,6 +141,7 @@ def test_the_readme_names_the_two_commands_and_every_target_that_is_named_exists
 @pytest.mark.parametrize("page", PAGES)
 def test_links_and_named_files_exist(page: str) -> None:
     text = read(page)
+    assert re.findall(r"^(?:<<<<<<<|>>>>>>>) .*", text, re.MULTILINE) == [], "a merge that was not finished"
     assert [link for link in LINK.findall(text) if not (ROOT / page).parent.joinpath(link).exists()] == []
     named = [name for name in NAMED.findall(text) if name not in WRITTEN_BY_READERS and "FILE" not in name]
     assert [name for name in named if not (ROOT / name).exists()] == []
