@@ -123,9 +123,7 @@ def test_the_page_on_writing_plugins(follow: Follow, tmp_path: Path) -> None:
     u = multisine(3, 100)
     np.column_stack([u, np.roll(u, 2)]).tofile(tmp_path / "bench.raw")
     printed = follow("docs/writing-a-plugin.md")
-    found = printed["fraexp plugins"]
-    assert "friction element  version 1" in found
-    assert "broken" not in found
+    assert printed["fraexp plugins element"].startswith("friction element  version 1")
     assert "third harmonic" in printed["fraexp run own_machine own_multisine"]
     assert "  expected  odd " in printed["fraexp check one_way"]
     assert (tmp_path / "fraexp-other-law/fraexp_other_law.py").is_file()
