@@ -46,6 +46,29 @@ LEGEND_GREY = "0.35"
 Fill = Literal["full", "none"]
 
 
+@dataclass(frozen=True)
+class PhasedCurve:
+    """A complex quantity over frequency as it is drawn."""
+
+    label: str
+    frequency: NDArray[np.float64]
+    """Ascending frequency [Hz], shape (n,)."""
+    magnitude: NDArray[np.float64]
+    """Magnitude [dB], shape (n,)."""
+    phase: NDArray[np.float64]
+    """Phase [deg], shape (n,)."""
+    settled: NDArray[np.bool_]
+    """Whether the point had settled, shape (n,); lines join settled points only."""
+    magnitude_band: NDArray[np.float64]
+    """Lower and upper 95 % limit of the magnitude [dB], shape (2, n); NaN where unknown; may be infinite."""
+    phase_band: NDArray[np.float64]
+    """Lower and upper 95 % limit of the phase [deg], shape (2, n); NaN where unknown; may be infinite."""
+
+    def with_gaps(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return values of shape (..., n) with NaN, a gap in the line, where the response was not settled."""
+        return with_gaps(values, self.settled)
+
+
 def with_gaps(values: NDArray[np.float64], settled: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return values of shape (..., n) with NaN, a gap in the line, where the response was not settled."""
     return np.where(settled, values, np.nan)

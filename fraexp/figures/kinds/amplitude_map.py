@@ -200,13 +200,10 @@ def draw_amplitude_map(info: AmplitudeMapInfo) -> "Figure":
 def _draw_row(figure: "Figure", panels: Sequence["Axes"], info: AmplitudeMapInfo, part: str) -> None:
     values = np.concatenate([np.where(of.settled, getattr(of, part), np.nan).ravel() for of in info.maps])
     levels, colours = _colour_scale(info, part, values)
-    lines = [level for level in levels if abs(level) > min(map(abs, levels))] if info.is_relative else levels[::3]
     drawn = None
     for axes, of in zip(panels, info.maps, strict=True):
         known = np.ma.masked_invalid(np.where(of.settled, getattr(of, part), np.nan))
         drawn = _draw_map(axes, of, known, (levels, colours), bool(info.row_names))
-        if not info.row_names:
-            _draw_contours(axes, of, known, lines)  # fewer lines than colours: more would tangle
     assert drawn is not None
     bar = figure.colorbar(drawn, ax=list(panels), pad=0.02, aspect=22, ticks=levels, extend="neither")
     bar.ax.set_yticklabels([f"{level:g}" for level in levels])
@@ -262,20 +259,6 @@ def _draw_map(
     axes.set_ylim(y[0], y[-1])
     _hatch_cells(axes, x, y, ~of.settled)
     return drawn
-
-
-def _draw_contours(axes: "Axes", of: AmplitudeMap, values: Masked, levels: list[float]) -> None:
-    if values.count() < 4 or min(values.shape) < 2:
-        return
-    from matplotlib.patheffects import AbstractPathEffect, withStroke
-
-    low, high = float(values.min()), float(values.max())
-    inside = [level for level in levels if low < level < high]
-    if inside:
-        # a halo makes the lines visible on dark colours
-        halo: list[AbstractPathEffect] = [withStroke(linewidth=1.8, foreground="1.0", alpha=0.7)]
-        lines = axes.contour(of.frequency, of.amplitude, values, inside, colors="0.1", linewidths=0.7)
-        lines.set_path_effects(halo)
 
 
 def _cell_edges(centres: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -17,6 +17,7 @@ from fraexp.figures.elements.facets import facet_panels
 from fraexp.figures.elements.frequency_lines import (
     EXTREMUM_SIZE,
     LEGEND_GREY,
+    PhasedCurve,
     add_fitted_legend,
     add_model_legend,
     draw_extrema,
@@ -24,7 +25,6 @@ from fraexp.figures.elements.frequency_lines import (
     draw_points_and_model,
     near_neighbours,
     split_line,
-    with_gaps,
 )
 from fraexp.figures.elements.grouping import CurvePlace, point_indices
 from fraexp.figures.elements.line_style import LineStyle
@@ -116,28 +116,11 @@ Reference = tuple[str, NDArray[np.float64], NDArray[np.complex128]]
 
 
 @dataclass(frozen=True)
-class BodeCurve:
-    """A response as it is drawn in a Bode plot, in ascending frequency."""
+class BodeCurve(PhasedCurve):
+    """A response as it is drawn in a Bode plot; its magnitude is in dB re the unit of the plot."""
 
-    label: str
-    frequency: NDArray[np.float64]
-    """Frequency [Hz], shape (n,)."""
-    magnitude: NDArray[np.float64]
-    """Magnitude [dB], shape (n,)."""
-    phase: NDArray[np.float64]
-    """Continuous phase [deg], shape (n,)."""
-    settled: NDArray[np.bool_]
-    """Whether the point had settled, shape (n,); lines join settled points only."""
-    magnitude_band: NDArray[np.float64]
-    """Lower and upper 95 % limit of the magnitude [dB], shape (2, n); NaN where unknown; may be infinite."""
-    phase_band: NDArray[np.float64]
-    """Lower and upper 95 % limit of the phase [deg], shape (2, n); NaN where unknown."""
     model: "BodeModel | None" = None
     """The plant that was fitted to it; None without a fit."""
-
-    def with_gaps(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return values of shape (..., n) with NaN, a gap in the line, where the response was not settled."""
-        return with_gaps(values, self.settled)
 
 
 @dataclass(frozen=True)

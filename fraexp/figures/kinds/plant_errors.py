@@ -13,7 +13,7 @@ from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
 from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
 from fraexp.figures.elements.facets import by_facet
-from fraexp.figures.elements.frequency_lines import GroupedLine, draw_grouped_lines, with_gaps
+from fraexp.figures.elements.frequency_lines import GroupedLine, PhasedCurve, draw_grouped_lines, with_gaps
 from fraexp.figures.elements.grouping import CurvePlace, facet_indices
 from fraexp.figures.elements.labels import MAX_GROUPS, drawable
 from fraexp.figures.elements.line_style import LineStyle
@@ -35,22 +35,9 @@ ERROR_BAND_OPACITY = 0.13
 
 
 @dataclass(frozen=True)
-class ErrorCurve:
-    """The error Ĝ/P of a response, in ascending frequency."""
+class ErrorCurve(PhasedCurve):
+    """The error Ĝ/P of a response: |Ĝ/P| [dB], and arg(Ĝ/P) [deg] within ±180."""
 
-    label: str
-    frequency: NDArray[np.float64]
-    """Frequency [Hz], shape (n,)."""
-    magnitude: NDArray[np.float64]
-    """|Ĝ/P| [dB], shape (n,)."""
-    phase: NDArray[np.float64]
-    """arg(Ĝ/P) [deg], within ±180, shape (n,)."""
-    settled: NDArray[np.bool_]
-    """Whether the point had settled, shape (n,)."""
-    magnitude_band: NDArray[np.float64]
-    """95 % limits of the magnitude [dB], shape (2, n); NaN where unknown."""
-    phase_band: NDArray[np.float64]
-    """95 % limits of the phase [deg], shape (2, n); NaN where unknown."""
     cost: tuple[Metric, ...] = ()
     """Known metrics of the experiment's effort."""
     key: str = ""
