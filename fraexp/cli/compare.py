@@ -4,11 +4,9 @@ from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import asdict
 
-import numpy as np
-
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.output import print_fields, print_json, print_table, say
-from fraexp.cli.summary import Quantity, is_sample, needs_summary, parameter_rows, print_quantiles, quantile_rows
+from fraexp.cli.output import print_json, print_table, say
+from fraexp.cli.summary import needs_summary, print_summary
 from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number, workspace_folder
 from fraexp.components.registry import Registry
 from fraexp.data.frequency_text import frequency_text
@@ -56,10 +54,7 @@ def _compare_with_plant(arguments: Namespace) -> ExitCode:
     if arguments.json:
         print_json(_plant_document(info, {sweep.key: sweep.labels for sweep in sweeps}))
     else:
-        if needs_summary(len(info.curves)) and not arguments.all:
-            _print_plant_summary(info, is_sample([sweep.labels for sweep in sweeps]))
-        else:
-            print_errors(info)
+        print_errors(info)
         outside = [f"{spot:g}" for spot in arguments.frequencies or () if spot not in info.spots]
         if outside:
             say(f"no response reaches {', '.join(outside)} Hz")
@@ -99,21 +94,6 @@ def error_tables(info: ErrorsInfo) -> tuple[TextTable, TextTable]:
         TextTable([*names, *info.effort], magnitudes, "error against P(jω) in dB"),
         TextTable([*names, COVERAGE_COLUMN], phases, "error against P(jω) in degrees"),
     )
-
-
-def _print_plant_summary(info: ErrorsInfo, sampled: bool) -> None:
-    """Print the range of the errors over many responses, and quantiles if they are random draws."""
-    rows = []
-    for part, unit, decimals in (("magnitude", "dB", 3), ("phase", "deg", 2)):
-        for spot in info.spots:
-            pairs = [(getattr(curve, part), curve.index_near(spot)) for curve in info.curves]
-            values = np.array([np.nan if at is None else column[at] for column, at in pairs], dtype=float)
-            rows += quantile_rows(
-                [Quantity(f"error at {spot:g} Hz [{unit}]", values, decimals)], [""] * len(values), sampled
-            )
-    share = Quantity(COVERAGE_COLUMN, 100 * np.array([curve.coverage for curve in info.curves]), 0)
-    print_quantiles(rows + quantile_rows([share], [""] * len(info.curves), sampled), "against P(jω)")
-    say("--all shows each sweep")
 
 
 def _points(curve: ErrorCurve, spots: Sequence[float]) -> list[tuple[float, int | None]]:
@@ -175,15 +155,20 @@ def execute(arguments: Namespace) -> ExitCode:
     differences = differences_from_first(sweeps, results)
     if arguments.json:
         print_json(_document(sweeps, parameters, metrics, fits, differences))
-    elif needs_summary(len(sweeps)) and not arguments.all:
-        _print_summary(sweeps, parameters | metrics, differences)
+        return ExitCode.OK
+    if needs_summary(len(sweeps)) and not arguments.all:  # they do not fit side by side
+        print_summary(sweeps, results, workspace.registry)
+        say("--all shows each sweep")
     else:
         rows = difference_rows(sweeps, results, workspace.registry)
         shown, folded = (rows, {}) if arguments.all else fold_incomparable(rows)
-        _print(sweeps, shown, differences, workspace.registry)
+        keys = [short_key(sweep.key) for sweep in sweeps]
+        print_table(["difference", *keys], shown or [["none", *("" for _ in keys)]])
         if folded:
             counts = (f"{plural(count, 'parameter')} of {owner}" for owner, count in folded.items())
             say(f"left out: {', '.join(counts)} that not all sweeps have; --all shows them")
+    print()
+    _print_differences(sweeps, differences, workspace.registry)
     return ExitCode.OK
 
 
@@ -206,32 +191,8 @@ def _document(
     }
 
 
-def _print_summary(
+def _print_differences(
     sweeps: Sequence[StoredSweep],
-    values: dict[str, list[object]],
-    differences: list[tuple[StoredSweep, Difference | None]],
-) -> None:
-    """Print quantiles over the sweeps: of differing values, and of the responses' differences from the first one."""
-    sampled = is_sample([sweep.labels for sweep in sweeps])
-    counted, rows = parameter_rows(values, sampled)
-    print_fields([("sweeps", str(len(sweeps))), *counted])
-    print()
-    print_quantiles(rows, "differences")
-    print()
-    found = [difference for _, difference in differences if difference is not None]
-    measures = {
-        "max [dB]": [abs(of.magnitude_max) for of in found], "rms [dB]": [of.magnitude_rms for of in found],
-        "max [deg]": [abs(of.phase_max) for of in found], "rms [deg]": [of.phase_rms for of in found],
-    }  # fmt: skip
-    quantities = [Quantity(title, np.array(column, dtype=float)) for title, column in measures.items()]
-    rows = quantile_rows(quantities, [""] * len(found), sampled)
-    print_quantiles(rows, f"responses against {short_key(sweeps[0].key)}")
-    say("--all shows each sweep")
-
-
-def _print(
-    sweeps: Sequence[StoredSweep],
-    rows: Sequence[Sequence[str]],
     differences: list[tuple[StoredSweep, Difference | None]],
     registry: Registry,
 ) -> None:
@@ -240,8 +201,6 @@ def _print(
         ((sweep.labels, sweep.experiment | {"estimator": sweep.estimator}) for sweep in sweeps), registry
     )
     names = dict(zip(keys, curve_names([sweep.labels for sweep in sweeps], [""] * len(sweeps), units), strict=True))
-    print_table(["difference", *keys], rows or [["none", *("" for _ in keys)]])
-    print()
     title = f"responses against {keys[0]}" + (f" ({names[keys[0]]})" if names[keys[0]] else "")
     columns = ["sweep", "name", "max [dB]", "at [Hz]", "rms [dB]", "max [deg]", "at [Hz]", "rms [deg]", "points"]
     cells = [

@@ -19,7 +19,7 @@ from fraexp.figures.elements.labels import MAX_GROUPS, label_columns, label_text
 from fraexp.store import StoredSweep
 from fraexp.views.fields import outcome_text
 from fraexp.views.text_tables import magnitude_near, reference_frequencies, sweep_table
-from fraexp.views.words import fixed_text, number_text, plural, short_key, value_text
+from fraexp.views.words import fixed_text, number_text, plural, short_key
 
 MAX_LISTED_SWEEPS = 40
 """Maximum number of sweeps that a terminal lists; more are summarised."""
@@ -70,7 +70,7 @@ def print_summary(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], 
     metrics = _metrics(found)
     rows = quantile_rows(labels, [""] * len(sweeps), False)
     rows += quantile_rows([*_magnitudes(found), *metrics], groups, sampled)
-    print_quantiles(rows)
+    print_table(QUANTILE_COLUMNS, rows)  # without columns that are empty
     worst = worst_rows(metrics, groups, sweeps)
     if worst:
         print()
@@ -99,17 +99,6 @@ def _row_groups(labels: Sequence[Plain], units: Mapping[str, str]) -> tuple[list
     return [
         place.group for place in group_sweeps(labels, units, by=[min(counts, key=lambda path: counts[path])])
     ], False
-
-
-def print_quantiles(rows: Sequence[Sequence[str]], title: str = "") -> None:
-    """Print rows under `QUANTILE_COLUMNS`, without columns that are empty."""
-    used = [index for index in range(len(QUANTILE_COLUMNS)) if not rows or any(row[index] for row in rows)]
-    print_table([QUANTILE_COLUMNS[index] for index in used], [[row[index] for index in used] for row in rows], title)
-
-
-def is_sample(labels: Sequence[Plain]) -> bool:
-    """Return whether sweeps differ in random draws only."""
-    return len(point_indices(group_sweeps(labels))) == 1
 
 
 def is_continuous(values: Sequence[object]) -> bool:
@@ -158,19 +147,6 @@ def worst_rows(metrics: Sequence[Quantity], groups: Sequence[str], sweeps: Seque
                 value, number_ = metric.text(float(metric.values[at])), label_texts([sweeps[at].labels[DRAW]])
                 rows.append([metric.title, name, value, *number_, short_key(sweeps[at].key)])
     return rows
-
-
-def parameter_rows(
-    parameters: Mapping[str, Sequence[object]], sampled: bool
-) -> tuple[list[tuple[str, str]], list[list[str]]]:
-    """Return counts of those parameters, by path, that have few values or no numbers, and quantiles of the others."""
-    varied = [Quantity(path, np.array(row, dtype=float)) for path, row in parameters.items() if is_continuous(row)]
-    counted = [
-        (path, counts_of_texts([value_text(value) for value in row]))
-        for path, row in parameters.items()
-        if not is_continuous(row)
-    ]  # fmt: skip
-    return counted, quantile_rows(varied, [""] * max((len(row) for row in parameters.values()), default=0), sampled)
 
 
 def _magnitudes(results: Sequence[Result | None]) -> list[Quantity]:

@@ -1,13 +1,11 @@
 """Cases of one plant: their errors after a run, as a table, as JSON and as a figure."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fraexp.cli import summary
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.components.registry import Registry, discover
@@ -74,19 +72,6 @@ def test_the_errors_as_json_are_those_of_the_response(
     assert near["magnitude_db"] == pytest.approx(20 * np.log10(abs(response / plant)))
     assert near["phase_deg"] == pytest.approx(np.degrees(np.angle(response / plant)))
     assert [metric["name"] for metric in first["cost"]] == ["stroke", "peak force", "measuring time"]
-
-
-def test_many_sweeps_are_summarised_on_a_terminal(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(summary, "MAX_LISTED_SWEEPS", 1)
-    monkeypatch.setattr(type(sys.stdout), "isatty", lambda _: True)
-    monkeypatch.setenv("COLUMNS", "120")
-    out, err = printed(folder, capsys, "compare", "1", "--against", "plant", "--frequencies", "20")
-    rows = {line.split("  ")[0]: line.split() for line in out.splitlines()}
-    assert float(rows["error at 20 Hz [dB]"][-2]) < 0.001 < float(rows["error at 20 Hz [dB]"][-1])
-    assert "--all shows each sweep" in err
-    assert "friction taken off" in printed(folder, capsys, "compare", "1", "--against", "plant", "--all")[0]
 
 
 def test_frequencies_that_nobody_has_are_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,7 +12,7 @@ from fraexp.cli.arguments import parse
 from fraexp.cli.compare import execute as compare
 from fraexp.cli.follow import MAX_REPORTED_FAILURES, MAX_TABLE_SWEEPS, RunEvents, follow, print_outcome
 from fraexp.cli.show import execute as show
-from fraexp.cli.summary import Quantity, counts_of_texts, is_continuous, parameter_rows, quantile_rows
+from fraexp.cli.summary import Quantity, counts_of_texts, is_continuous, quantile_rows
 from fraexp.data.results import Metric, Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.execution.events import Ended, Event, Finished
@@ -106,15 +106,14 @@ def test_a_run_elsewhere_ends_with_rows(folder: Path, capsys: pytest.CaptureFixt
 
 
 @pytest.mark.usefixtures("terminal")
-def test_a_comparison_has_the_range_of_what_differs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_comparison_of_many_has_the_summary_and_the_differences(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     compare(arguments("compare", folder))
     printed = capsys.readouterr()
-    assert "estimator.name  30 h1, 30 h2" in printed.out
-    assert row(printed.out, "gain", "1") == ["30"]
-    assert row(printed.out, "max [dB]")[-1] == "49.25", "20 lg 290"
+    assert "estimator  30 h1, 30 h2" in printed.out
+    assert "49.2480" in printed.out, "20 lg 290"
     assert "--all shows each sweep" in " ".join(printed.err.split())
-    compare(arguments("compare", folder, "--all"))
-    assert len(capsys.readouterr().out.splitlines()) > COUNT
 
 
 def test_few_values_and_texts_are_counted_and_numbers_are_measured() -> None:
@@ -124,9 +123,6 @@ def test_few_values_and_texts_are_counted_and_numbers_are_measured() -> None:
     assert counts_of_texts(["a", "b", "a", ""]) == "2 a, 1 b, 1 (none)"
     assert counts_of_texts(["ok", "ok"]) == "ok"
     assert counts_of_texts([str(index) for index in range(30)]) == "30 values"
-    counted, rows = parameter_rows({"a": list(range(11)), "b": [True] * 5 + [False] * 6, "c": [None, *range(10)]}, True)
-    assert counted == [("b", "5 true, 6 false"), ("c", "11 values")]
-    assert rows == [["a", "", "0", "0.5", "5", "9.5", "10", ""]]
 
 
 def test_unknown_numbers_are_in_no_quantile() -> None:
