@@ -69,18 +69,6 @@ def test_no_password_is_told(tmp_path, monkeypatch):
     desk.close()
 
 
-@pytest.mark.thorough
-def test_the_list_of_sweeps_tells_no_password(workspace, monkeypatch):
-    async def steps(app, pilot):
-        monkeypatch.setattr(WorkspaceService, "has_database", lambda _: False)
-        app.backend.workspace = WorkspaceService(workspace, SECRET)
-        await pilot.press("w")
-        await shows(pilot, "There is no database yet: postgresql://somebody:")
-        assert "hunter2" not in screen_text(app)
-
-    pilot_of(workspace, steps)
-
-
 @pytest.mark.parametrize(("key", "right"), [("r", "complete"), ("w", "rows 1-5")])
 @pytest.mark.thorough
 def test_a_database_that_is_damaged_and_restored_in_its_place_is_noticed(workspace, key, right):

@@ -11,14 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
 from textual.app import App, ComposeResult
-from textual.color import Color
 from textual.events import MouseScrollUp
 from textual.pilot import Pilot
 
 from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.tui.plotting.braille import BLANK_CODE, DOTS_ACROSS, DOTS_DOWN, dash_dots, dot_bits, line_dots
-from fraexp.tui.plotting.curve_styles import ON_DARK, ON_LIGHT, CurveStyles
+from fraexp.tui.plotting.curve_styles import CurveStyles
 from fraexp.tui.plotting.panel_drawing import ISOLATED_SIGN, RESONANCE_SIGN, UNSETTLED_SIGN, prominences, settled_line
 from fraexp.tui.plotting.plot_stack import BodeView
 from fraexp.tui.plotting.plot_widget import LEFT_CELLS, TOP_CELLS, Plot
@@ -36,8 +35,6 @@ Labelled = list[tuple[str, FrequencyResponse]]
 
 class OneView(App[None]):
     """A Bode view and nothing else."""
-
-    plain = False
 
     def __init__(self, responses: Labelled) -> None:
         super().__init__()
@@ -356,19 +353,6 @@ def test_a_wrapped_phase_has_gaps_where_it_jumps() -> None:
     assert np.nanmax(np.abs(np.diff(wrapped[np.isfinite(wrapped)][:180]))) < 2
     np.testing.assert_allclose((band[1] - wrapped)[np.isfinite(wrapped)], 1)
     assert len(x) == len(wrapped) == band.shape[1]
-
-
-@pytest.mark.parametrize(("colours", "ground"), [(ON_DARK, "#121212"), (ON_LIGHT, "#E0E0E0")])
-def test_colours_stand_out_on_their_ground(colours: tuple[str, ...], ground: str) -> None:
-    def luminance(text: str) -> float:
-        parts = [part / 255 for part in Color.parse(text).rgb]
-        linear = [part / 12.92 if part <= 0.03928 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
-        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-    for colour in colours:
-        light, dark = sorted((luminance(colour), luminance(ground)), reverse=True)
-        assert (light + 0.05) / (dark + 0.05) > 3  # WCAG 2.1, 1.4.11: graphical objects
-    assert len(set(colours)) == len(colours)
 
 
 def test_the_numbers_are_those_of_the_figure() -> None:

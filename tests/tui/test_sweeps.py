@@ -130,20 +130,6 @@ def test_names_of_fields_and_tags_are_completed(workspace, keys):
 
 
 @pytest.mark.thorough
-def test_nothing_that_matches_says_what_to_do(workspace):
-    async def steps(app, pilot):
-        await opened(app, pilot)
-        await pilot.press("slash")
-        await write(pilot, "estimator:nobody")
-        await shows(pilot, "No sweep matches estimator:nobody", "Esc clears the filter")
-        await pilot.press("escape")
-        await shows(pilot, "rows 1-5 of 5")
-        assert "No sweep matches" not in screen_text(app)
-
-    pilot_of(workspace, steps)
-
-
-@pytest.mark.thorough
 def test_rows_are_sorted_by_a_field_that_is_asked_for_and_turned(workspace):
     async def steps(app, pilot):
         table = await opened(app, pilot)
@@ -332,13 +318,3 @@ def test_new_sweeps_appear_and_the_cursor_keeps_its_own(workspace):
         assert table.key == key
 
     pilot_of(workspace, steps)
-
-
-@pytest.mark.parametrize("size", [(80, 24), (200, 50), (40, 10)])
-@pytest.mark.thorough
-def test_it_reads_at_every_size(workspace, size):
-    async def steps(app, pilot):
-        table = await opened(app, pilot)
-        await shows(pilot, table.keys[0][4:12], "ok", "rows 1-")
-
-    pilot_of(workspace, steps, size=size)

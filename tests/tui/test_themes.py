@@ -61,6 +61,7 @@ def test_every_text_stands_out_on_every_ground(theme):
 @pytest.mark.parametrize(("theme", "curves"), [(DARK, ON_DARK), (LIGHT, ON_LIGHT)])
 def test_every_curve_stands_out_on_the_ground_of_its_theme(theme, curves):
     assert min(contrast(colour, str(theme.background)) for colour in curves) >= AA_GRAPHICS
+    assert len(set(curves)) == len(curves)
 
 
 def test_each_state_has_a_sign_that_tells_it_without_its_colour():
