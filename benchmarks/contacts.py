@@ -94,8 +94,6 @@ def contacts(bench: Bench) -> None:
         costs = 1e9 * times / [steps for _, steps in made]
         for count, cost in zip(counts, costs, strict=True):
             bench.row(f"{kind}, {count} contacts", f"{cost:7.1f} ns {cost / costs[0]:5.2f} times", ns=float(cost))
-    action, steps = sweep_of(setup_of(1, is_vectorised=True, is_dry=True))
-    bench.row("dry, 1 contact in lanes", f"{1e9 * np.median(in_turns(action, turns=turns)) / steps:7.1f} ns")
 
 
 if __name__ == "__main__":

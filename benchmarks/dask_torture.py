@@ -1,7 +1,8 @@
 """Kill, pause and restart the scheduler and the workers of a Dask cluster at random, and check every result.
 
     python benchmarks/dask_torture.py             12 histories of 5 disturbances, and the time that Ctrl-C takes
-    python benchmarks/dask_torture.py --quick     1 history of 3, without Ctrl-C
+    python benchmarks/dask_torture.py --reduced   1 history of 3, without Ctrl-C
+    python benchmarks/dask_torture.py ctrl-c      Ctrl-C only
 
 In each history ``fraexp run`` computes 48 short sweeps on a cluster of two workers, real processes all of them, into a
 database of its own. At random moments the scheduler or a worker is killed (SIGKILL), asked to end (SIGTERM) or hangs
@@ -9,12 +10,10 @@ with its connections open (SIGSTOP), or a worker with other code joins. What has
 what hangs goes on or dies; some schedulers stay away, or silent, for longer than the run waits (30 s here). Each run
 must complete by itself, or end with one line that says why and complete when it is run again. Then there must be every
 result, computed once; a sound database; no lease; no run that seems to go on; and bit for bit the numbers of a run in
-one process. The moments are drawn from ``--seed``; what happens between them is up to the machine. Then Ctrl-C is
-pressed in each state in which a run waits, and must be obeyed within a second of the process's own time. Linux only.
-Exit code 1 on any finding.
+one process. What happens between the moments is up to the machine. Then Ctrl-C is pressed in each state in which a run
+waits, and must be obeyed within a second of the process's own time. Linux only.
 """
 
-import argparse
 import itertools
 import os
 import random
@@ -26,14 +25,16 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import closing, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+from disturbed_runs import audit, rows, run_in_peace, start_run
+from harness import ROOT, Bench, run
 
+sys.path.insert(0, str(ROOT))
 import fraexp
 from tests.dask_cluster import Cluster
 from tests.waiting import wait_until
@@ -90,10 +91,6 @@ INCOMPLETE = 1
 KINDS = ("kill worker", "pause worker", "end worker", "kill scheduler", "pause scheduler", "wrong worker")
 ENDINGS = ("was silent for", "was gone for", "had no worker for", "can compute this study", "no Dask scheduler answers")
 """What a run says that gives up."""
-QUESTIONS = (
-    "SELECT key, outcome, message, numerics FROM sweep ORDER BY key",
-    *(f"SELECT * FROM {table} ORDER BY 1, 2, 3" for table in ("metric", "curve", "curve_column", "fit")),
-)
 STATES: dict[str, tuple[str, ...]] = {
     "all well": (),
     "scheduler silent": ("pause scheduler",),
@@ -112,7 +109,6 @@ class Tally:
 
     given: Counter[str] = field(default_factory=Counter)
     ends: Counter[str] = field(default_factory=Counter)
-    heard: Counter[str] = field(default_factory=Counter)
     findings: list[str] = field(default_factory=list)
 
 
@@ -152,7 +148,7 @@ class History:
     def start(self) -> tuple["subprocess.Popen[bytes]", Path]:
         told = self.folder / f"{self.name.replace(' ', '-')}-{next(self.number)}.txt"
         with told.open("wb") as stream:
-            return start_run(self.folder, self.cluster, self.database, stream), told
+            return start_on(self.cluster, self.folder, self.database, stream), told
 
     def has_begun(self) -> bool:
         """Return whether a result is stored."""
@@ -215,8 +211,6 @@ class History:
 
     def note_end(self, code: int, told: str) -> None:
         """Note how a run ended, which must be in good order."""
-        for words in ("silent for", "is gone", "no workers", "answers again", "is left out", "sent to others"):
-            self.tally.heard[words] += words in told
         given_up = [words for words in ENDINGS if words in told.splitlines()[-1]] if told else []
         failed = " failed: its Dask worker" in told
         if code == 0:
@@ -230,39 +224,11 @@ class History:
         if "Traceback" in told or "internal error" in told:
             self.tally.findings.append(f"{self.name}: {told[-500:]!r}")
 
-    def audit(self, reference: Path) -> Iterator[str]:
-        """Yield what is wrong in the database."""
-        counts = rows(self.database, "SELECT count(*), count(outcome) FROM sweep")[0]
-        if counts != (SWEEPS, SWEEPS):
-            yield f"{counts[1]} results of {counts[0]} sweeps"
-        times = Counter(key for (key,) in rows(self.database, "SELECT key FROM run_sweep WHERE state = 'computed'"))
-        if len(times) != SWEEPS or set(times.values()) != {1}:
-            yield f"{len(times)} sweeps are computed, {sum(number > 1 for number in times.values())} more than once"
-        if rows(self.database, "PRAGMA integrity_check") != [("ok",)]:
-            yield "the database is not sound"
-        if rows(self.database, "SELECT count(*) FROM lease") != [(0,)]:
-            yield "leases are left"
-        if rows(self.database, "SELECT count(*) FROM run WHERE state = 'running'") != [(0,)]:
-            yield "a run seems to go on"
-        for question in QUESTIONS:
-            if rows(self.database, question) != rows(reference, question):
-                yield f"{question}: not as in a run in one process"
 
-
-def rows(database: Path, question: str) -> list[Any]:
-    with closing(sqlite3.connect(f"{database.as_uri()}?mode=ro", uri=True, timeout=20)) as connection:
-        return connection.execute(question).fetchall()
-
-
-def start_run(folder: Path, cluster: Cluster, database: Path, told: Any) -> "subprocess.Popen[bytes]":
-    """Start a run on the cluster."""
-    command = [
-        sys.executable, "-m", "fraexp", "run", "torture", f"--executor=dask:{cluster.address}", f"--db={database}",
-    ]  # fmt: skip
+def start_on(cluster: Cluster, folder: Path, database: Path, told: Any) -> "subprocess.Popen[bytes]":
+    """Start a run on a cluster."""
     environment = {**os.environ, "FRAEXP_DASK_TIMEOUT": f"{RUN_TIMEOUT_S:g}"}
-    return subprocess.Popen(
-        command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=told, stderr=told, start_new_session=True
-    )
+    return start_run(folder, f"dask:{cluster.address}", database, told, environment)
 
 
 def prepare(folder: Path) -> Path:
@@ -276,12 +242,7 @@ def prepare(folder: Path) -> Path:
     shutil.copytree(package, site / "fraexp", ignore=shutil.ignore_patterns("__pycache__"))
     with (site / "fraexp" / "execution" / "job.py").open("a") as source:
         source.write("# changed\n")
-    database = folder / "reference.db"
-    command = [sys.executable, "-m", "fraexp", "run", "torture", "--executor=serial", f"--db={database}"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise SystemExit(f"the run in one process fails: {done.stderr}")
-    return database
+    return run_in_peace(folder, "serial")
 
 
 def interruption(folder: Path, state: str) -> tuple[float, float, int]:
@@ -292,7 +253,7 @@ def interruption(folder: Path, state: str) -> tuple[float, float, int]:
         Path(os.devnull).open("wb") as nowhere,
     ):
         worker = cluster.start_worker("one")
-        process = start_run(folder, cluster, Path(spare) / "interrupted.db", nowhere)
+        process = start_on(cluster, folder, Path(spare) / "interrupted.db", nowhere)
         wait_until((Path(spare) / "began").exists)
         for blow in STATES[state]:
             victim = cluster.scheduler if "scheduler" in blow else worker
@@ -314,41 +275,38 @@ def cpu_seconds(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="one short history")
-    parser.add_argument("--histories", type=int, help="number of histories; 0 for Ctrl-C only")
-    parser.add_argument("--seed", type=int, default=1, help="of the random moments")
-    parser.add_argument("--keep", type=Path, help="folder to work in, which stays")
-    given = parser.parse_args()
-    count, blows = (1, 3) if given.quick else (12, 5)
-    count = count if given.histories is None else given.histories
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell has what runs in the background ignore Ctrl-C
-    tally, began = Tally(), time.monotonic()
+def histories(bench: Bench) -> None:
+    """Disturbances, how runs ended, what they said, and findings."""
+    count, blows = bench.options.histories, 3 if bench.reduced else 5
+    tally = Tally()
     with tempfile.TemporaryDirectory() as spare:
-        folder = (given.keep or Path(spare)).absolute()
+        folder = Path(bench.options.keep or spare).absolute()
         reference = prepare(folder)
         for number in range(count):
             (folder / "cluster" / str(number)).mkdir()
             with Cluster(folder / "cluster" / str(number)) as cluster:
-                history = History(folder, cluster, blows, f"{given.seed} {number}", tally)
+                history = History(folder, cluster, blows, f"{bench.seed} {number}", tally)
                 history.go()
-                tally.findings += [f"{history.name}: {finding}" for finding in history.audit(reference)]
-        print(f"seed {given.seed}: {count} runs of {SWEEPS} sweeps on Dask, {tally.given.total()} disturbances")
-        for title, counter in (("disturbed by", tally.given), ("ended", tally.ends), ("told", tally.heard)):
-            for what, times in sorted(counter.items()):
-                print(f"  {title:<13}{times:>4}  {what}")
-        if not given.quick:
-            for state in STATES:
-                taken, own, code = interruption(folder, state)
-                print(f"  Ctrl-C, {state:<17}{taken:5.2f} s, {own:4.2f} s of its own; exit code {code}")
-                if code != 130 or min(taken, own) > OBEYED_S:
-                    tally.findings.append(f"Ctrl-C, {state}: {taken:.2f} s, exit code {code}")
-    print(f"in {time.monotonic() - began:.0f} s; {len(tally.findings)} findings")
+                found = audit(history.database, reference, SWEEPS)
+                tally.findings += [f"{history.name}: {finding}" for finding in found]
+    bench.row(f"{count} runs of {SWEEPS} sweeps on Dask", f"{tally.given.total()} disturbances")
+    for title, counter in (("disturbed by", tally.given), ("ended", tally.ends)):
+        for what, times in sorted(counter.items()):
+            bench.row(f"{title}: {what}", f"{times:4}")
     for finding in tally.findings:
-        print(f"  {finding}")
-    return int(bool(tally.findings))
+        bench.row("finding", finding, is_met=False)
+
+
+def ctrl_c(bench: Bench) -> None:
+    """Time until a run has ended, and its own part of it."""
+    with tempfile.TemporaryDirectory() as folder:
+        prepare(Path(folder))
+        for state in [] if bench.reduced else STATES:
+            taken, own, code = interruption(Path(folder), state)
+            is_met = code == 130 and min(taken, own) <= OBEYED_S
+            bench.row(state, f"{taken:5.2f} s, {own:4.2f} s of its own; exit code {code}", is_met, taken=taken)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell has what runs in the background ignore Ctrl-C
+    run(__doc__, histories, ctrl_c, histories=(12, 1), keep="")

@@ -1,7 +1,7 @@
 """Compare fraexp with an independent fine simulation on machines drawn at random, and print a table.
 
     python benchmarks/random_machines.py                         40 machines
-    python benchmarks/random_machines.py --seed 7 --only 3 17    these two of a seed, with every frequency
+    python benchmarks/random_machines.py --seed 7 --only 3 17    these two of a seed
     python benchmarks/random_machines.py --law coulomb           40 with this kind of friction
 
 Mass, modes, damping, dead times, lags, friction of every kind, sample time, controller and amplitude are drawn. The
@@ -53,8 +53,6 @@ class Finding:
     """Whether fraexp calls the conventional and the proposed number ok."""
     spread: float
     """Relative spread of the reference over the last half of its time: more than GOAL if it is not periodic."""
-    ratios: tuple[complex, complex] = (1, 1)
-    """fraexp/reference and P̂/P."""
 
     @property
     def is_periodic(self) -> bool:
@@ -125,7 +123,7 @@ def _finding(
     return Finding(
         frequency, float(first.output_amplitude[index]), abs(ratios[0] - 1), abs(ratios[1] - 1),
         _is_in_band(second, index, 1 / ratios[1]), truth.error,
-        (certain[0] and bool(first.settled[index]), certain[1] and bool(second.settled[index])), truth.spread, ratios,
+        (certain[0] and bool(first.settled[index]), certain[1] and bool(second.settled[index])), truth.spread,
     )  # fmt: skip
 
 
@@ -147,8 +145,6 @@ def machines(bench: Bench) -> None:
         what = f"{number} {report.machine.law}, A/F {report.machine.relative_amplitude:.2f}"
         missed = any(any(finding.missed) for finding in report.findings)
         bench.row(what, line(report), bool(report.findings) and not missed)
-        if only:
-            print("\n".join(point(finding) for finding in report.findings), flush=True)
     summarise(bench, reports)
 
 
@@ -165,19 +161,6 @@ def line(report: Report) -> str:
     text += report.numerics
     unlike = [message for message in dict.fromkeys(report.messages) if message != "ok"]
     return text + "".join(f"\n      {message}" for message in unlike)
-
-
-def point(finding: Finding) -> str:
-    """Return one frequency's numbers."""
-    marks = "".join(
-        "M" if missed else "." if ok else "-" for missed, ok in zip(finding.missed, finding.is_ok, strict=True)
-    )
-    ratios = [f"{20 * np.log10(abs(way)):+9.4f} dB {np.degrees(np.angle(way)):+8.4f}°" for way in finding.ratios]
-    return (
-        f"      {finding.frequency:8.3f} Hz {finding.amplitude:9.2e} m  {finding.conventional:8.1e} {ratios[0]}   "
-        f"{finding.proposed:8.1e} {ratios[1]}  {marks} reference {finding.reference_error:7.1e}"
-        + ("" if finding.is_periodic else f" not periodic, {finding.spread:.0e}")
-    )
 
 
 def summarise(bench: Bench, reports: list[Report]) -> None:

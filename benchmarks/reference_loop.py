@@ -91,11 +91,8 @@ class ReferenceResponse:
     value: complex
     error: float
     """Relative error that the two step sizes show, before extrapolation."""
-    steps: int
     spread: float
     """Relative spread over the last half of the simulated time: more than PERIODIC if it is not periodic."""
-    time: float
-    """Simulated time [s]."""
 
 
 @njit
@@ -243,14 +240,14 @@ def reference_response(
     run = ReferenceRun(machine, frequency, amplitude, steps)
     coarse, spread = run.periodic_response(limit)
     if spread > 10 * goal:  # nothing to be exact about
-        return ReferenceResponse(coarse, spread, steps, spread, run.age * machine.sample_time)
+        return ReferenceResponse(coarse, spread, spread)
     while True:
         steps *= 2
         run = ReferenceRun(machine, frequency, amplitude, steps)
         fine, spread = run.periodic_response(limit)
         error = abs(fine - coarse) / (3 * max(abs(fine), 1e-300))
         if error < goal or steps >= most or spread > goal:
-            return ReferenceResponse(fine + (fine - coarse) / 3, error, steps, spread, run.age * machine.sample_time)
+            return ReferenceResponse(fine + (fine - coarse) / 3, error, spread)
         coarse = fine
 
 

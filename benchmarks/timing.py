@@ -8,7 +8,6 @@
 sweeps     A warm sweep of 100 frequencies, 1 to 200 Hz, with its estimates
 start-up   What a user waits for in a shell: fresh processes; also as a share of the imports that they cannot do without
 laws       Processor time to compile friction laws, each in a fresh process: in an empty cache, each further law
-edit       A local law that is edited compiles itself again, and no other one
 overhead   Tiny sweeps, without friction and with an estimator that does nothing: claiming, sending, answering, storing
            and reporting, less the bare computation in this process
 
@@ -22,15 +21,14 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from harness import Action, Bench, in_turns, run
+from harness import ROOT, Action, Bench, in_turns, run
 from paper_machine import PAPER, PATH, REGISTRY, decibel, loop_job, response_of, results
 
+sys.path.insert(0, str(ROOT))
 from fraexp.execution.events import Finished
 from fraexp.execution.job import Job, run_job
 from fraexp.simulation.machine import reference_response
@@ -57,34 +55,10 @@ COMMANDS: dict[str, tuple[list[str], float, float]] = {
     "study paper/fig12, reused": ([*FRAEXP, "run", "paper/fig12"], 1.0, 2.0),
 }
 """Commands, the bound of their time [s], and that of its ratio to the time of `IMPORTS`."""
-FIRST_S, FURTHER_S, EDIT_S, ALL_S = 10.0, 5.0, 6.0, 60.0
-"""Bounds: first law in an empty cache, each further one, a rerun after an edit, all built-in laws together [s]."""
+FIRST_S, FURTHER_S, ALL_S = 10.0, 5.0, 60.0
+"""Bounds: first law in an empty cache, each further one, all built-in laws together [s]."""
 OTHERS = {"none": {}, "composite": {"preset": "dahl_and_viscous"}}
 """Built-in laws that benchmarks/accuracy.py does not compare."""
-DROPPED_IN = '''"""A law in a file of its own."""
-
-from fraexp.api import FrictionModel, param
-
-
-class Dropped(FrictionModel, name="{name}", version=1):
-    """A spring that slips."""
-
-    states = ("deflection [m]",)
-    stiffness: float = param("N/m", "presliding stiffness", above=0)
-    limit: float = param("m", "deflection at which it slips", above=0)
-
-    @staticmethod
-    def advance(z, dy, dt, z_next, stiffness, limit):
-        """Friction force [N]."""
-        z_next[0] = min(max(z[0] + dy, -limit), limit)
-        return {factor} * stiffness * z_next[0]
-'''
-EDITED = """
-machine = "linear_motor_table"
-friction = {{ name = "{name}", stiffness = 3.9e5, limit = 45e-6 }}
-excitation = {{ name = "stepped_sine", amplitude = 12.0, points = 4 }}
-grid = {{ estimator = [{{ name = "conventional" }}, {{ name = "effective_input" }}] }}
-"""
 TRIVIAL = '''
 from fraexp.api import Estimator, Metric, Outcome, Result
 
@@ -212,59 +186,26 @@ def laws(bench: Bench) -> None:
     bench.bounded(f"{len(names)} laws together", total, ALL_S, "s")
 
 
-def edit(bench: Bench) -> None:
-    """A study with a local law in an empty cache, and again after an edit of the law."""
-    with workspace("edited", EDITED.format(name="dropped"), "dropped", dropped("1.0")) as folder:
-        first, before = _run_edited(folder), _kernels(folder)
-        (folder / "plugins" / "dropped.py").write_text(dropped("0.9"), encoding="utf-8")
-        again, after = _run_edited(folder, "--rerun", "stale"), _kernels(folder)
-    bench.bounded("a study with a local law in an empty cache", first, np.inf, "s")
-    bench.bounded("the same after an edit of the law", again, EDIT_S, "s")
-    is_kept = before.items() <= after.items() and len(after) > len(before)
-    bench.row("kernels before and after", f"{len(before)}, {len(after)}; the former unchanged: {is_kept}", is_kept)
-
-
-def dropped(factor: str) -> str:
-    """Return the text of a local law."""
-    return DROPPED_IN.format(name="dropped", factor=factor)
-
-
-@contextmanager
-def workspace(study: str, text: str, plugin: str, source: str) -> Iterator[Path]:
-    """Yield the folder of a workspace with a study and a local plugin."""
-    with tempfile.TemporaryDirectory() as name:
-        for part, file, content in (("studies", f"{study}.toml", text), ("plugins", f"{plugin}.py", source)):
-            (Path(name) / part).mkdir()
-            (Path(name) / part / file).write_text(content, encoding="utf-8")
-        yield Path(name)
-
-
-def _kernels(folder: Path) -> dict[str, int]:
-    """Return when each compiled kernel was written."""
-    return {str(file): file.stat().st_mtime_ns for file in (folder / "cache").rglob("*.kernel")}
-
-
-def _run_edited(folder: Path, *arguments: str) -> float:
-    """Return the processor time of a run in a fresh process [s], which other work leaves alone."""
-    before = os.times()
-    command = [sys.executable, *FRAEXP, "run", "--executor", "serial", "edited", *arguments]
-    subprocess.run(command, cwd=folder, env=with_own_cache(folder), check=True, capture_output=True)
-    after = os.times()
-    return after.children_user + after.children_system - before.children_user - before.children_system
-
-
 def overhead(bench: Bench) -> None:
     """What a tiny sweep costs beside computing it [ms], or the processor time of the scheduler's process of it."""
     values = [round((n + 1) * 1e-6, 9) for n in range(bench.options.tiny)]
-    with workspace("tiny", TINY.format(values=values), "trivial", TRIVIAL) as folder:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for part, file, text in (("studies", "tiny.toml", TINY.format(values=values)), ("plugins", "own.py", TRIVIAL)):
+            (folder / part).mkdir()
+            (folder / part / file).write_text(text, encoding="utf-8")
         tiny = WorkspaceService.open(folder).studies(["tiny"])[0].sweeps[:500]
         jobs = [Job(sweep.experiment, (sweep.estimator,), sweep.files, str(folder / "plugins")) for sweep in tiny]
         bare = float(in_turns(lambda: [run_job(job, lambda _: None) for job in jobs], turns=1)[0, 0]) / len(jobs)
         _overhead(bench, folder, "serial", bare)
         _overhead(bench, folder, "processes:2", bare)
         if importlib.util.find_spec("distributed"):
-            with dask_cluster(folder) as executor:
-                _overhead(bench, folder, executor, bare)
+            from tests.dask_cluster import Cluster
+
+            with Cluster(folder) as cluster:
+                cluster.start_worker("one")
+                cluster.start_worker("two")
+                _overhead(bench, folder, f"dask:{cluster.address}", bare)
         else:
             print("(Dask is not installed: left out)")
 
@@ -283,27 +224,8 @@ def _overhead(bench: Bench, folder: Path, executor: str, bare: float) -> None:
     bench.bounded(f"overhead of a tiny sweep, {name}", min(cost, busy), MAX_OVERHEAD_MS[name], "ms")
 
 
-@contextmanager
-def dask_cluster(folder: Path) -> Iterator[str]:
-    """Start a Dask scheduler and two workers, and yield the name of their executor."""
-    command, file = [sys.executable, "-m", "dask"], folder / "scheduler.json"
-    quiet: dict[str, Any] = {"cwd": folder, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    local = ["--scheduler-file", str(file), "--no-dashboard", "--host", "127.0.0.1"]
-    processes = [subprocess.Popen([*command, "scheduler", "--port", "0", *local], **quiet)]
-    try:
-        while not file.exists():
-            time.sleep(0.1)
-        processes += [subprocess.Popen([*command, "worker", *local, "--nthreads", "1"], **quiet) for _ in range(2)]
-        yield f"dask:{file}"
-    finally:
-        for process in reversed(processes):
-            process.terminate()
-        for process in processes:
-            process.wait()
-
-
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--use-laws"]:
         use_laws(sys.argv[2:])
     else:
-        run(__doc__, sweeps, start_up, laws, edit, overhead, works=WORKS, runs=(7, 3), tiny=(5000, 500))
+        run(__doc__, sweeps, start_up, laws, overhead, works=WORKS, runs=(7, 3), tiny=(5000, 500))

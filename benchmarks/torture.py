@@ -1,7 +1,7 @@
 """Kill runs again and again, and check that every result is right.
 
     python benchmarks/torture.py             500 sweeps, 36 times kill -9 and 9 times SIGTERM, SIGINT or SIGHUP
-    python benchmarks/torture.py --quick     60 sweeps, 6 times kill -9 and once each of SIGTERM and SIGINT
+    python benchmarks/torture.py --reduced   60 sweeps, 6 times kill -9 and once each of SIGTERM and SIGINT
 
 A study of short sweeps, two thirds of a machine in its loop (two estimators share an experiment) and a third of a
 driven friction model, is run by ``fraexp run`` processes, each in a process group of its own: at first by one, for
@@ -9,11 +9,9 @@ the last third of the kills by two at once on the same database. The scheduler, 
 shared resources or the whole group is ended at a random moment: while the process starts, or after a random number of
 sweeps. What has died is started again with the same command, until all is computed. Then there must be every result,
 computed once; a sound database; no lease; no run that seems to go on; and bit for bit the numbers of a run in peace.
-The moments are drawn from ``--seed``; what happens between them is up to the machine. Linux only. Exit code 1 on any
-finding.
+What happens between the moments is up to the machine. Linux only.
 """
 
-import argparse
 import itertools
 import json
 import os
@@ -26,11 +24,14 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+
+import harness
+from disturbed_runs import audit, rows, run_in_peace, start_run
+from harness import Bench
 
 STUDY = """
 title = "Short sweeps of two kinds"
@@ -60,8 +61,6 @@ START = 4.0
 """Maximum time of a start [s]."""
 FAREWELL = 60.0
 """Seconds in which what was asked to end, or has lost its scheduler, must be gone: the machine may be busy."""
-TABLES = ("frequency_response", "metric", "curve", "curve_column", "fit")
-RESULT = "SELECT key, outcome, message, numerics FROM sweep ORDER BY key"
 
 
 @dataclass
@@ -138,12 +137,8 @@ class Torture:
     def start(self) -> Run:
         self.starts += 1
         told = self.folder / f"told-{self.starts}.txt"
-        command = [sys.executable, "-m", "fraexp", "run", "torture", "--executor=processes:2", f"--db={self.database}"]
         with told.open("wb") as stream:
-            process = subprocess.Popen(
-                command, cwd=self.folder, stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, start_new_session=True
-            )
-        return Run(process, told)
+            return Run(start_run(self.folder, "processes:2", self.database, stream), told)
 
     def done(self) -> int:
         """Return how many sweeps have a result."""
@@ -153,8 +148,7 @@ class Torture:
             return 0
 
     def asked(self, question: str) -> list[Any]:
-        with closing(sqlite3.connect(f"{self.database.as_uri()}?mode=ro", uri=True, timeout=20)) as connection:
-            return connection.execute(question).fetchall()
+        return rows(self.database, question)
 
     def strike(self, run: Run, blow: str, left: int) -> Run:
         """Wait for a random moment, kill, and return what is running then."""
@@ -271,40 +265,20 @@ class Torture:
         self.ending(run, (0,))
 
 
-def audit(torture: Torture, reference: Path) -> Iterator[str]:
-    """Yield what is wrong in the database at the end."""
-    asked = torture.asked
-    count = asked("SELECT count(*), count(outcome) FROM sweep")[0]
-    if count != (torture.sweeps, torture.sweeps):
-        yield f"{count[1]} results of {count[0]} sweeps; expected {torture.sweeps}"
-    times = Counter(itertools.chain(*asked("SELECT key FROM run_sweep WHERE state = 'computed'")))
-    often = {key: number for key, number in times.items() if number != 1}
-    if often or len(times) != torture.sweeps:
-        yield f"{len(times)} sweeps are computed, {len(often)} of them more than once"
+def late_results(torture: Torture) -> Iterator[str]:
+    """Yield results that are not from the time of the run that computed them."""
     question = """SELECT sweep.created, run.started, run.ended, run.pid FROM run_sweep
         JOIN sweep USING (key) JOIN run ON run.number = run_sweep.run WHERE run_sweep.state = 'computed'"""
     late = 0
-    for created, started, ended, pid in asked(question):
+    for created, started, ended, pid in torture.asked(question):
         end = datetime.fromisoformat(ended).replace(tzinfo=UTC) if ended else torture.ends[pid]
         late += not started <= created or datetime.fromisoformat(created).replace(tzinfo=UTC) > end
     if late:
         yield f"{late} results are not from the time of the run that computed them"
-    for pragma, sound in (("integrity_check", [("ok",)]), ("foreign_key_check", [])):
-        if asked(f"PRAGMA {pragma}") != sound:
-            yield f"{pragma}: {asked(f'PRAGMA {pragma}')[:3]}"
-    leases = asked("SELECT count(*) FROM lease")[0][0]
-    if leases:
-        yield f"{leases} leases are left"
-    yield from _lies(torture)
-    with closing(sqlite3.connect(reference)) as peace:
-        for question in (RESULT, *(f"SELECT * FROM {table} ORDER BY 1, 2, 3" for table in TABLES)):
-            ours, theirs = asked(question), peace.execute(question).fetchall()
-            if ours != theirs:
-                differing = sum(one != other for one, other in zip(ours, theirs, strict=False))
-                yield f"{question}: {len(ours)} rows, {len(theirs)} in peace, {differing} differ"
 
 
-def _lies(torture: Torture) -> Iterator[str]:
+def wrong_states(torture: Torture) -> Iterator[str]:
+    """Yield runs whose state is not what became of their sweeps."""
     open_states = """SELECT run, count(*) FROM run_sweep JOIN run ON run.number = run
         WHERE run.state = 'complete' AND run_sweep.state NOT IN ('computed', 'reused') GROUP BY run"""
     for number, sweeps in torture.asked(open_states):
@@ -312,16 +286,6 @@ def _lies(torture: Torture) -> Iterator[str]:
     for run in torture.listed():
         if run["state"] not in ("complete", "interrupted"):
             yield f"run {run['number']} is listed as {run['state']}"
-
-
-def undisturbed(folder: Path) -> Path:
-    """Compute all in peace; return the database."""
-    database = folder / "reference.db"
-    command = [sys.executable, "-m", "fraexp", "run", "torture", "--executor=processes:2", f"--db={database}"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise SystemExit(f"the run in peace fails: {done.stderr}")
-    return database
 
 
 def blows(hard: int, gentle: int, seed: int) -> list[str]:
@@ -334,38 +298,27 @@ def blows(hard: int, gentle: int, seed: int) -> list[str]:
     return [chosen[index] for index in sorted(places, key=places.__getitem__)]
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="fewer sweeps and kills")
-    parser.add_argument("--seed", type=int, default=1, help="of the random moments")
-    parser.add_argument("--keep", type=Path, help="folder to work in, which stays")
-    given = parser.parse_args()
-    sweeps, hard, gentle = (60, 6, 2) if given.quick else (501, 36, 9)
+def kills(bench: Bench) -> None:
+    """Kills of each kind, and findings."""
+    sweeps, hard, gentle = (60, 6, 2) if bench.reduced else (501, 36, 9)
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell has what runs in the background ignore Ctrl-C
-    began = time.monotonic()
     with tempfile.TemporaryDirectory() as spare:
-        folder = (given.keep or Path(spare)).absolute()
+        folder = Path(bench.options.keep or spare).absolute()
         (folder / "studies").mkdir(parents=True, exist_ok=True)
-        groups = -(-sweeps // 3)
-        values = [round(12 + 12 * n / groups, 6) for n in range(groups)]
+        values = [round(12 + 12 * n / (sweeps // 3), 6) for n in range(sweeps // 3)]
         (folder / "studies" / "torture.toml").write_text(STUDY.format(values=values), encoding="utf-8")
-        reference = undisturbed(folder)
-        peace = time.monotonic() - began
-        torture = Torture(folder, 3 * groups, given.seed, blows(hard, gentle, given.seed))
+        reference = run_in_peace(folder, "processes:2")
+        torture = Torture(folder, sweeps, bench.seed, blows(hard, gentle, bench.seed))
         torture.go()
-        findings = torture.findings + list(audit(torture, reference))
-    taken = time.monotonic() - began
+        findings = [*torture.findings, *late_results(torture), *wrong_states(torture)]
+        findings += audit(torture.database, reference, sweeps)
     killed = sum(torture.given[kind] for kind in HARD)
-    if killed < hard:
-        findings.append(f"only {killed} kills of {hard} were made")
-    print(f"seed {given.seed}: {torture.sweeps} sweeps, {torture.starts} starts, {killed} times kill -9")
-    for kind in (*HARD, *GENTLE):
-        print(f"  {kind:<10}{torture.given[kind]:>4}")
-    print(f"in {taken:.0f} s, of which {peace:.0f} s in peace; {len(findings)} findings")
+    text = ", ".join(f"{kind} {torture.given[kind]}" for kind in (*HARD, *GENTLE))
+    what = f"{sweeps} sweeps, {torture.starts} starts, {killed} times kill -9"
+    bench.row(what, text, killed == hard)
     for finding in findings:
-        print(f"  {finding}")
-    return int(bool(findings))
+        bench.row("finding", finding, is_met=False)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    harness.run(__doc__, kills, keep="")

@@ -1,7 +1,8 @@
 """Measure the time from a key to the repaint of the terminal UI, and what watching a run costs it.
 
-python benchmarks/tui.py prints a table and fails where a bound is missed; with `live` it measures what watching
-costs (`live 1`: once).
+    python benchmarks/tui.py                    all parts
+    python benchmarks/tui.py curves --reduced   four curves, with fewer keys
+
 Each time is from the key until its last paint is ready to be written to the terminal, in this process; the bound is
 for the median of a key's repetitions. Other work on the machine adds to it, unlike to the processor time: the bounds
 are for an idle machine.
@@ -9,7 +10,6 @@ are for an idle machine.
 
 import asyncio
 import os
-import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -17,6 +17,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from harness import Bench, run
 from textual._compositor import CompositorUpdate
 from textual.pilot import Pilot
 from textual.screen import Screen
@@ -40,6 +41,15 @@ MANY = 10_000
 WATCHING_BOUND = 0.05
 """Most of its time by which a run may take longer when it is watched."""
 SIZE = (200, 50)
+CURVE_KEYS = {
+    "cursor": ["right"],
+    "hide or show": ["2"],
+    "focus": ["right_square_bracket"],
+    "zoom": ["x", "X"],
+    "pan": ["L", "H"],
+    "wrapped phase": ["W"],
+}
+DRAW_KEYS = {"cursor": ["right"], "hide or show": ["3"], "zoom": ["x", "X"], "other facet": ["g"]}
 DRAWN = """
 title = "Random draws"
 question = "How long does it take?"
@@ -56,8 +66,6 @@ seed = 1
 draw = [{ paths = "friction.curve.coulomb_force", relative = 0.1 }]
 """
 """A run of 10,000 sweeps, which takes some minutes."""
-Row = tuple[str, float, float, float]
-"""What was measured, median and slowest wall time, and median processor time [s]."""
 
 
 class Painted(FraexpApp):
@@ -74,115 +82,102 @@ class Painted(FraexpApp):
             self.painted = time.perf_counter(), time.process_time()
 
 
-def main() -> int:
-    """Measure all, and return 1 if a bound is missed."""
-    if "live" in sys.argv[1:]:
-        return watch_run(*map(int, sys.argv[2:3]))
-    with TemporaryDirectory() as folder, TemporaryDirectory() as many:
-        rows = asyncio.run(compare_keys(Path(folder)))
-        opening, more = asyncio.run(compare_draws(Path(many)))
-        rows += more
-    print(f"{'key to repaint [ms]':50} {'median':>8} {'slowest':>8} {'processor':>10}")
-    for name, median, slowest, processor in rows:
-        print(f"{name:50} {1e3 * median:8.0f} {1e3 * slowest:8.0f} {1e3 * processor:10.0f}")
-    first, processor, every = opening
-    print(f"\nCompare opens {MANY:,} sweeps: first picture {first:.2f} s ({processor:.2f} s of a processor), ", end="")
-    print(f"all sweeps {every:.2f} s")
-    missed = [name for name, median, *_ in rows if not median <= BOUND]
-    missed += ["opening"] if opening[0] > OPENING_BOUND else []
-    if missed:
-        print(f"bound missed: {', '.join(missed)}", file=sys.stderr)
-    return int(bool(missed))
+def curves(bench: Bench) -> None:
+    """Keys in Compare with 4 curves of 5000 points [ms]."""
+    with TemporaryDirectory() as folder:
+        asyncio.run(_compare_curves(bench, Path(folder)))
 
 
-async def compare_keys(folder: Path, curves: int = 4, points: int = 5000) -> list[Row]:
-    """Return times of keys in Compare with many points."""
-    keys = store_responses(folder, curves, points)
+async def _compare_curves(bench: Bench, folder: Path) -> None:
+    keys = store_sweeps(folder, [_resonance(index) for index in range(4)])
     app = Painted(folder)
     async with app.run_test(size=SIZE) as pilot:
-        while app.current_mode != "studies" or not app.screen.is_mounted:
-            await pilot.pause(0.02)
+        await _begin(app, pilot)
         app.marks.add(keys)
         await pilot.press("c")
         await _until(pilot, lambda: _shows_picture(app))
-        what = f"Compare, {curves} curves of {points} points:"
-        return [
-            await time_keys(app, pilot, f"{what} cursor", ["right"] * 20),
-            await time_keys(app, pilot, f"{what} hide or show", ["2"] * 20),
-            await time_keys(app, pilot, f"{what} focus", ["right_square_bracket"] * 20),
-            await time_keys(app, pilot, f"{what} zoom", ["x", "X"] * 10),
-            await time_keys(app, pilot, f"{what} pan", ["L", "H"] * 10),
-            await time_keys(app, pilot, f"{what} wrapped phase", ["W"] * 20),
-        ]
+        await time_keys(bench, app, pilot, CURVE_KEYS)
 
 
-async def compare_draws(folder: Path) -> tuple[tuple[float, float, float], list[Row]]:
-    """Return wall and processor time until the first picture, wall time until all sweeps, and times of keys."""
-    keys = store_draws(folder, MANY)
+def draws(bench: Bench) -> None:
+    """Compare opens 10,000 sweeps as bands, and keys there [ms]."""
+    with TemporaryDirectory() as folder:
+        asyncio.run(_compare_draws(bench, Path(folder)))
+
+
+async def _compare_draws(bench: Bench, folder: Path) -> None:
+    generator = bench.generator()
+    keys = store_sweeps(folder, [_drawn_resonance(index, generator) for index in range(MANY)])
     app = Painted(folder)
     async with app.run_test(size=SIZE) as pilot:
-        while app.current_mode != "studies" or not app.screen.is_mounted:
-            await pilot.pause(0.02)
+        await _begin(app, pilot)
         app.backend.workspace.registry  # noqa: B018 - loaded in the background in a session
         app.marks.add(keys)
         await pilot.pause(1.0)  # the first screen is read and drawn
-        begin = np.array([time.perf_counter(), time.process_time()])
+        begin = time.perf_counter()
         pressed = asyncio.create_task(pilot.press("c"))  # which ends when nothing is left to do
         while not _shows_picture(app):
             await asyncio.sleep(0.01)
         app.painted = (np.nan, np.nan)
         while np.isnan(app.painted[0]):
             await asyncio.sleep(0.01)
-        first, processor = app.painted - begin
+        bench.bounded(f"{MANY:,} sweeps: first picture", app.painted[0] - begin, OPENING_BOUND, "s")
         await pressed
         await _until(pilot, lambda: len(app.screen.compared.sweeps) == MANY)
-        every = time.perf_counter() - begin[0]
+        bench.row(f"{MANY:,} sweeps: all of them", f"{time.perf_counter() - begin:.2f} s")
         await pilot.pause(1.0)
-        what = f"Compare, bands of {MANY:,} sweeps:"
-        rows = [
-            await time_keys(app, pilot, f"{what} cursor", ["right"] * 10),
-            await time_keys(app, pilot, f"{what} hide or show", ["3"] * 10),
-            await time_keys(app, pilot, f"{what} zoom", ["x", "X"] * 5),
-            await time_keys(app, pilot, f"{what} other facet", ["g"] * 10),
-        ]
-    return (first, processor, every), rows
+        await time_keys(bench, app, pilot, DRAW_KEYS)
 
 
-def store_draws(folder: Path, count: int, points: int = 30) -> list[str]:
-    """Write responses of random draws at eight points of a grid into a database, and return the keys."""
-    frequency, generator, pairs = np.geomspace(1.0, 200.0, points), np.random.default_rng(1), []
-    for index in range(count):
-        case, amplitude = ("conventional", "effective_input")[index % 2], (6.0, 12.0, 25.0, 75.0)[index // 2 % 4]
-        viscous, turning = 4.7 + generator.normal(), frequency / (40 * (1 + 0.03 * generator.normal()))
-        labels = {"case": case, "excitation.amplitude": amplitude, "draw": index // 8 + 1}
-        labels["friction.viscous_coefficient"] = viscous
-        experiment = {
-            "source": "loop",
-            "excitation": {"name": "stepped_sine", "amplitude": amplitude},
-            "friction": {"name": "rolling", "viscous_coefficient": viscous},
-        }
-        value = 1e-3 / (1 - turning**2 + 0.1j * turning) / (1 + amplitude / 50)
-        result = Result(Outcome.OK, response=_response(frequency, value))
-        pairs.append((Sweep(experiment, {"name": case}, labels), result))
+Stored = tuple[dict[str, Any], str, dict[str, Any], np.ndarray, np.ndarray]
+"""Experiment, estimator, labels, frequencies [Hz] and response of a sweep."""
+
+
+def _resonance(index: int) -> Stored:
+    frequency, amplitude = np.geomspace(1.0, 500.0, 5000), 12.0 + index
+    turning = frequency / (40.0 + 5 * index)
+    value = 1e-3 / (1 - turning**2 + 0.04j * turning) * np.exp(-0.01j * frequency)
+    excitation = {"name": "stepped_sine", "amplitude": amplitude}
+    return {"excitation": excitation}, "conventional", {"excitation.amplitude": amplitude}, frequency, value
+
+
+def _drawn_resonance(index: int, generator: np.random.Generator) -> Stored:
+    case, amplitude = ("conventional", "effective_input")[index % 2], (6.0, 12.0, 25.0, 75.0)[index // 2 % 4]
+    frequency, viscous = np.geomspace(1.0, 200.0, 30), 4.7 + generator.normal()
+    turning = frequency / (40 * (1 + 0.03 * generator.normal()))
+    labels = {"case": case, "excitation.amplitude": amplitude, "draw": index // 8 + 1}
+    labels["friction.viscous_coefficient"] = viscous
+    excitation = {"name": "stepped_sine", "amplitude": amplitude}
+    experiment = {"excitation": excitation, "friction": {"name": "rolling", "viscous_coefficient": viscous}}
+    value = 1e-3 / (1 - turning**2 + 0.1j * turning) / (1 + amplitude / 50)
+    return experiment, case, labels, frequency, value
+
+
+def store_sweeps(folder: Path, made: Sequence[Stored]) -> list[str]:
+    """Write sweeps with responses into a database, and return their keys."""
+    pairs = [
+        (Sweep({"source": "loop", **experiment}, {"name": name}, labels), _result(frequency, value))
+        for experiment, name, labels, frequency, value in made
+    ]
     with Store.open(str(folder / "results.db"), create=True) as store:
-        run = store.begin_run("many", "many.toml", "fraexp run many", {}, [sweep for sweep, _ in pairs])
-        store.save(run, [(sweep, result, {}) for sweep, result in pairs])
-        store.end_run(run, "complete")
+        number = store.begin_run("many", "many.toml", "fraexp run many", {}, [sweep for sweep, _ in pairs])
+        store.save(number, [(sweep, result, {}) for sweep, result in pairs])
+        store.end_run(number, "complete")
     return [sweep.key for sweep, _ in pairs]
 
 
-def watch_run(repetitions: int) -> int:
-    """Print how much longer a run takes while its screen is open, and return 1 if that is too much.
+async def _begin(app: FraexpApp, pilot: Pilot[None]) -> None:
+    while app.current_mode != "studies" or not app.screen.is_mounted:
+        await pilot.pause(0.02)
 
-    The two kinds of runs alternate. The processor time of the UI beside that of the run depends less on other work of
-    the machine.
-    """
-    pairs = np.array([[_time_run(watched) for watched in (False, True)] for _ in range(repetitions)])
-    (alone, *_), (watched, computing, watching) = np.median(pairs, axis=0)
-    cost, share = watched / alone - 1, watching / computing
-    print(f"a run of {MANY} sweeps: {alone:.1f} s alone, {watched:.1f} s watched: {100 * cost:.1f} % more")
-    print(f"processor: run {computing:.1f} s, watching it {watching:.1f} s: {100 * share:.1f} %")
-    return int(min(cost, share) > WATCHING_BOUND)
+
+def watching(bench: Bench) -> None:
+    """How much longer a run of 10,000 sweeps takes while its screen is open; the two kinds of runs alternate."""
+    pairs = np.array([[_time_run(watched) for watched in (False, True)] for _ in range(bench.options.pairs)])
+    (alone, *_), (watched, computing, used) = np.median(pairs, axis=0)
+    cost, share = watched / alone - 1, used / computing  # the processor time depends less on other work
+    print(f"{alone:.1f} s alone, {watched:.1f} s watched; processor: run {computing:.1f} s, watching it {used:.1f} s")
+    bench.bounded("watching, over the run", 100 * min(cost, share), 100 * WATCHING_BOUND, "%")
 
 
 def _time_run(watched: bool) -> tuple[float, float, float]:
@@ -212,9 +207,7 @@ async def _watch(folder: Path) -> float:
     async with app.run_test(size=SIZE) as pilot:
         while not (isinstance(studies := app.screen, StudiesPage) and studies.is_mounted):
             await pilot.pause(0.02)
-        while not (
-            studies.entries and len(studies.found) == len(studies.entries)
-        ):  # the studies are surveyed at the start
+        while not (studies.entries and len(studies.found) == len(studies.entries)):  # they are surveyed at the start
             await pilot.pause(0.2)
         started = app.backend.workspace.launch("drawn", [])
         used, page = time.process_time(), RunPage(started)
@@ -231,56 +224,32 @@ def _children_time() -> float:
     return sum(os.times()[2:4])
 
 
-async def time_keys(app: Painted, pilot: Pilot[None], name: str, keys: Sequence[str]) -> Row:
-    """Return the times of keys, one after another; TimeoutError if one is followed by no paint."""
-    walls, processor = [], []
-    for key in keys:
-        await pilot.pause()
-        app.painted = (np.nan, np.nan)
-        begin = np.array([time.perf_counter(), time.process_time()])
-        await pilot.press(key)
-        await _until(pilot, lambda: not np.isnan(app.painted[0]), 10.0)
-        wall, used = app.painted - begin
-        walls.append(wall)
-        processor.append(used)
-    return name, float(np.median(walls)), float(np.max(walls)), float(np.median(processor))
+async def time_keys(bench: Bench, app: Painted, pilot: Pilot[None], keys: dict[str, list[str]]) -> None:
+    """Print the times of keys, one after another; TimeoutError if one is followed by no paint."""
+    for name, turn in keys.items():
+        times = []
+        for key in turn * (5 if bench.reduced else 10):
+            await pilot.pause()
+            app.painted = (np.nan, np.nan)
+            begin = np.array([time.perf_counter(), time.process_time()])
+            await pilot.press(key)
+            await _until(pilot, lambda: not np.isnan(app.painted[0]), 10.0)
+            times.append(1e3 * (app.painted - begin))
+        (wall, used), slowest = np.median(times, axis=0), np.max(times, axis=0)[0]
+        text = f"{wall:6.0f} ms, slowest {slowest:.0f} ms, processor {used:.0f} ms"
+        bench.row(name, text, wall <= 1e3 * BOUND, wall=float(wall))
 
 
-def store_responses(folder: Path, curves: int, points: int) -> list[str]:
-    """Write responses of a resonance into a database, and return the keys of their sweeps."""
-    frequency = np.geomspace(1.0, 500.0, points)
-    pairs = []
-    for index in range(curves):
-        turning = frequency / (40.0 + 5 * index)
-        value = 1e-3 / (1 - turning**2 + 0.04j * turning) * np.exp(-0.01j * frequency)
-        labels = {"excitation.amplitude": 12.0 + index}
-        excitation = {"name": "stepped_sine", "amplitude": 12.0 + index}
-        sweep = Sweep({"source": "loop", "excitation": excitation}, {"name": "conventional"}, labels)
-        pairs.append((sweep, Result(Outcome.OK, response=_response(frequency, value))))
-    with Store.open(str(folder / "results.db"), create=True) as store:
-        run = store.begin_run("many", "many.toml", "fraexp run many", {}, [sweep for sweep, _ in pairs])
-        store.save(run, [(sweep, result, {}) for sweep, result in pairs])
-        store.end_run(run, "complete")
-    return [sweep.key for sweep, _ in pairs]
-
-
-def _response(frequency: np.ndarray, value: np.ndarray) -> FrequencyResponse:
+def _result(frequency: np.ndarray, value: np.ndarray) -> Result:
     count = len(frequency)
     noise = np.random.default_rng(1).normal(size=count) * 1e-2
-    return FrequencyResponse(
-        frequency=frequency,
-        response=value * (1 + noise),
+    response = FrequencyResponse(
+        frequency=frequency, response=value * (1 + noise), unit="m/N", input="u", output="y",
         covariance=np.eye(2) * (1e-2 * np.abs(value))[:, None, None] ** 2,
-        unit="m/N",
-        input="u",
-        output="y",
-        input_amplitude=np.ones(count),
-        output_amplitude=np.abs(value),
-        settled=np.ones(count, dtype=bool),
-        settling_time=np.ones(count),
-        residual=np.zeros(count),
-        harmonics=np.full((count, 6), 0.01 + 0j),
-    )
+        input_amplitude=np.ones(count), output_amplitude=np.abs(value), settled=np.ones(count, dtype=bool),
+        settling_time=np.ones(count), residual=np.zeros(count), harmonics=np.full((count, 6), 0.01 + 0j),
+    )  # fmt: skip
+    return Result(Outcome.OK, response=response)
 
 
 def _shows_picture(app: Painted) -> bool:
@@ -296,4 +265,4 @@ async def _until(pilot: Pilot[None], holds: Callable[[], bool], patience: float 
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(__doc__, curves, draws, watching, pairs=(3, 1))

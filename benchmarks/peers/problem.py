@@ -6,7 +6,7 @@ of parallel elements: each deflection follows y up to its limit. Viscous frictio
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from paper_machine import FRICTION, PAPER, PLANT, REGISTRY
@@ -51,15 +51,6 @@ class Problem:
     def simulated_time(self) -> float:
         """Time that all lanes simulate together [s]."""
         return self.excitation.size * self.sample_time
-
-    @property
-    def frequency(self) -> np.ndarray:
-        """Frequency of each lane [Hz], shape (lanes,)."""
-        return self.cycles / (self.block * self.sample_time)
-
-    def lanes(self, chosen: slice | list[int]) -> "Problem":
-        """Return the same with some of its lanes."""
-        return replace(self, excitation=self.excitation[chosen], cycles=self.cycles[chosen], block=self.block[chosen])
 
     def response(self, u: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return Y/U_e [m/N] of the last block of each lane, from u [N] and y [m] of shape (lanes, samples).

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hostile_laws import LAWS, Law
 
 from fraexp.components.first_trial import first_trial
 from fraexp.components.kinds import FrictionModel, Motion
@@ -21,6 +20,7 @@ from fraexp.errors import PluginError
 from fraexp.kernels.call_watch import MAX_SLOW_CALLS, CallBudget
 from fraexp.kernels.law_error import LawCallError, LawError
 from tests.examples import some, thorough
+from tests.testing.harmful_laws import LAWS, Law
 
 MANY_REVERSALS = 3e-5 * np.sin(2 * np.pi * np.arange(40_000) / 40)
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
-from tuned_loops import MACHINES, TunedMachine, spectral_radii, tune, unstable_loops
 
 from fraexp.cli.main import main
 from fraexp.components.kinds import Controller, Estimator, Plant
@@ -18,6 +17,7 @@ from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import build_machine
 from fraexp.workspace.controller_export import controller_parts
 from fraexp.workspace.workspace_service import WorkspaceService
+from tests.tuning.drawn_loops import MACHINES, TunedMachine, spectral_radii, tune, unstable_loops
 
 pytestmark = pytest.mark.thorough  # each tuning takes seconds; margins and limit cycles are tested beside it
 
