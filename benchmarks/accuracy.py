@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from harness import Bench, in_turns, run
+from harness import Bench, run
 from paper_machine import (
     FRICTION,
     PAPER,
@@ -42,14 +42,11 @@ MODELS: dict[str, dict[str, Any]] = {
     "lugre": PRESET,
     "dahl": {"stiffness": 3.9e5, "coulomb_force": 17.9, "viscous_coefficient": 4.69},
     "coulomb": {"coulomb_force": 17.9, "static_force": 22.0, "viscous_coefficient": 4.69},
-    "coulomb, Fs = Fc": {"name": "coulomb", "coulomb_force": 17.9, "viscous_coefficient": 4.69},
 }
 """Friction laws on the paper's machine."""
 BOUNDED_LAWS, LAW_BOUNDS = ("rolling", "gms", "elastoplastic"), (0.05, 0.3)
 """Laws whose errors are bounded, and the bounds [dB], [°]."""
 STEPS = 5
-SLIPPING = 1e-4 * np.sin(2 * np.pi * np.arange(100_000) / 1000)
-"""A motion [m] along which every law slips."""
 
 
 def law(name: str) -> FrictionModel:
@@ -188,7 +185,6 @@ def laws(bench: Bench) -> None:
     for name in bench.options.law or MODELS:
         friction = law(name).spec()
         methods = {"name": "conventional"}, {"name": "effective_input", "friction": friction}
-        (times,) = in_turns(lambda name=name: law(name).force(SLIPPING, 1e-4), turns=5)
         for force in (12.0, 75.0):
             coarse, fine = (
                 responses(force, bench.options.points, *methods, friction=friction, steps_per_sample=steps)
@@ -199,7 +195,7 @@ def laws(bench: Bench) -> None:
             decibels, degrees = errors(ratio)
             halved = [errors((b.response / a.response)[settled])[0] for a, b in zip(coarse, fine, strict=True)]
             text = f"{decibels:8.4f} dB {degrees:7.3f}°, step halved {halved[0]:.4f} and {halved[1]:.4f} dB"
-            text += f", {ratio.size} settled, {np.median(times) / SLIPPING.size * 1e9:.1f} ns a call"
+            text += f", {ratio.size} settled"
             is_met = name not in BOUNDED_LAWS or (decibels <= LAW_BOUNDS[0] and degrees <= LAW_BOUNDS[1])
             bench.row(f"{name}, {force:g} N", text, is_met, decibels=decibels, degrees=degrees)
 

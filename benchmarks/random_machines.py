@@ -11,7 +11,6 @@ band. Points that are not ok are listed with the reason. Where physics allows be
 be fewer than a tenth of all.
 """
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,26 +82,22 @@ class Report:
     findings: tuple[Finding, ...]
     messages: tuple[str, str]
     numerics: str
-    seconds: tuple[float, float]
 
 
 def compared(machine: DrawnMachine) -> Report:
     """Return what fraexp and the reference say of a machine."""
-    began = time.process_time()
     answers = _sweeps(machine)
-    between = time.process_time()
     both = [answer for answer in answers if isinstance(answer, Result)]
     if len(both) < len(answers):
         failures = [answer.message for answer in answers if isinstance(answer, Failure)]
-        return Report(machine, (), (f"error: {failures[0]}", f"error: {failures[-1]}"), "", (between - began, 0.0))
+        return Report(machine, (), (f"error: {failures[0]}", f"error: {failures[-1]}"), "")
     messages = tuple(f"{sweep.outcome.name.lower()}: {sweep.message}".rstrip(": ") for sweep in both)
     responses = [sweep.response for sweep in both]
     findings: list[Finding] = []
     if responses[0] is not None and responses[1] is not None:
         for index in range(responses[0].frequency.size):
             findings.append(_finding(machine, both, responses[0], responses[1], index))
-    seconds = (between - began, time.process_time() - between)
-    return Report(machine, tuple(findings), (messages[0], messages[1]), both[0].numerics, seconds)
+    return Report(machine, tuple(findings), (messages[0], messages[1]), both[0].numerics)
 
 
 def _sweeps(machine: DrawnMachine) -> list[Result | Failure]:
@@ -157,7 +152,7 @@ def line(report: Report) -> str:
     error = max((f.reference_error for f in findings), default=np.nan)
     ok = "/".join(str(sum(f.is_ok[way] for f in findings)) for way in (0, 1))
     text = f"conventional {worst[0]:8.1e} ({missed[0]} missed) proposed {worst[1]:8.1e} ({missed[1]} missed) "
-    text += f"ok {ok} of {len(findings)}, reference {error:7.1e}, {report.seconds[0]:.1f}/{report.seconds[1]:.1f} s; "
+    text += f"ok {ok} of {len(findings)}, reference {error:7.1e}; "
     text += report.numerics
     unlike = [message for message in dict.fromkeys(report.messages) if message != "ok"]
     return text + "".join(f"\n      {message}" for message in unlike)

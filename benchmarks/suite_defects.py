@@ -80,7 +80,7 @@ DEFECTS = (
     Defect(
         "gain of the integral action", f"{PLUGINS}/controllers/pid.py",
         "self.proportional * sample_time / (2 * self.integral_time)",
-        "self.proportional * sample_time / self.integral_time", "tests/physics/test_several_controllers.py tests/simulation/test_delta_form.py",
+        "self.proportional * sample_time / self.integral_time", "tests/simulation/test_delta_form.py",
     ),
     Defect(
         "one noise for all experiments", "fraexp/simulation/batch_preparation.py",
