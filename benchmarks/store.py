@@ -22,11 +22,11 @@ from sqlalchemy import bindparam, insert, update
 from fraexp.data.results import FrequencyResponse, Metric
 from fraexp.data.sweep import Sweep
 from fraexp.store import Store, codec
-from fraexp.store.sealing import seal_sweeps
 from fraexp.store.shared_sections import add_field_names
 from fraexp.store.tables import frequency_response, metric, run_sweep, sweep
 from fraexp.tui.plotting.compared_sweeps import read_marked_sweeps
 from fraexp.views.comparison import difference_rows
+from tests.store.resealing import seal_sweeps
 
 SWEEPS = 100_000
 RUNS = 20

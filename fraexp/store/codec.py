@@ -1,7 +1,7 @@
 """Conversion of results to rows and back; arrays are .npy bytes, which cannot contain code."""
 
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from functools import lru_cache
 from typing import Any
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fraexp.data.results import Curve, Fit, FrequencyResponse, Metric, Result
+from fraexp.data.results import Curve, Fit, FrequencyResponse, Metric, Outcome, Result
 from fraexp.errors import StoreError
 from fraexp.store.tables import RowValues, TableRow
 from fraexp.store.validation import DamagedError, check_types
@@ -197,3 +197,22 @@ def result_rows(key: str, result: Result) -> dict[str, list[RowValues]]:
         "curve_column": column_rows(key, result.curves),
         "fit": fit_rows(key, result.fits),
     }
+
+
+def parse_result(state: TableRow, rows: Mapping[str, Sequence[TableRow]]) -> Result:
+    """Return the result in the row of its sweep and the rows of its tables, by name."""
+    columns = rows.get("curve_column", ())
+    result = Result(
+        Outcome[state["outcome"]],
+        state["message"],
+        next((parse_response(row) for row in rows.get("frequency_response", ())), None),
+        tuple(parse_metric(row) for row in rows.get("metric", ())),
+        tuple(
+            parse_curve(row["name"], [column for column in columns if column["curve"] == row["position"]])
+            for row in rows.get("curve", ())
+        ),
+        tuple(parse_fit(row) for row in rows.get("fit", ())),
+        numerics=state["numerics"],
+        elapsed=state["elapsed"],
+    )
+    return check_types(result)

@@ -1,4 +1,4 @@
-"""Digests of rows that are stored already: after changes of several rows, and for a database without digests."""
+"""Digests of rows that are stored already, computed anew after changes of several rows."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
@@ -8,27 +8,17 @@ from sqlalchemy import Connection, RowMapping, Table, bindparam, case, func, sel
 from fraexp.store.digests import (
     ORIGIN_COLUMNS,
     RESULT_COLUMNS,
-    STATE_COLUMNS,
     annotations_digest,
-    content_digest,
-    listed_digest,
-    log_digest,
-    origins_digest,
-    parts_digest,
     run_digest,
-    run_sweep_digest,
 )
 from fraexp.store.tables import (
     IN_RUNS,
-    PARTS,
     WITHOUT_RUN,
     Expression,
     Query,
     RowValues,
     key_chunks,
-    metadata,
     note,
-    part,
     run,
     run_sweep,
     supplied_component,
@@ -39,16 +29,6 @@ from fraexp.store.tables import (
 ROWS_AT_ONCE = 500
 DIGEST_RANGE = 2**32
 """Number of values of a digest; a damaged one may be larger, and must not let the sum overflow."""
-
-
-def seal_database(connection: Connection) -> None:
-    """Compute all digests anew, and which sweeps runs have."""
-    keys = list(connection.scalars(select(sweep.c.key)))
-    seal_membership(connection, keys)
-    seal_sweeps(connection, keys)
-    for number in list(connection.scalars(select(run.c.number))):
-        _seal_run_sweeps(connection, number)
-        seal_run(connection, number)
 
 
 def seal_membership(connection: Connection, keys: Iterable[str]) -> None:
@@ -86,26 +66,6 @@ def sum_of_digests() -> Expression:
     return func.coalesce(func.sum(run_sweep.c.digest % DIGEST_RANGE), 0)
 
 
-def seal_sweeps(connection: Connection, keys: Sequence[str]) -> None:
-    """Compute the digests of sweeps and of their results anew."""
-    for chunk in key_chunks(keys):
-        tables = read_result_values(connection, chunk)
-        origins = read_origin_rows(connection, chunk)
-        states = connection.execute(select(sweep).where(sweep.c.key.in_(chunk))).mappings().all()
-        parts = part_digests(connection, (row[f"{name}_part"] for row in states for name in PARTS))
-        rows = []
-        for row in states:
-            key = row["key"]
-            state = (row[name] for name in STATE_COLUMNS)
-            content = None if row["outcome"] is None else content_digest(state, tables[key])
-            own = (parts.get(row[f"{name}_part"] or 0) for name in PARTS)
-            digests = {"digest": listed_digest(row), "content": content, "parts": parts_digest(key, own)}
-            rows.append({"of": key, **digests, "origins": origins_digest(key, origins[key])})
-        if rows:
-            connection.execute(update(sweep).where(sweep.c.key == bindparam("of")), rows)
-        seal_annotations(connection, chunk)
-
-
 def seal_annotations(connection: Connection, keys: Iterable[str]) -> None:
     """Compute the digests of the tags and notes of sweeps anew."""
     for chunk in key_chunks(keys):
@@ -117,15 +77,6 @@ def seal_annotations(connection: Connection, keys: Iterable[str]) -> None:
             {"of": key, "annotations": annotations_digest(key, tags.get(key, ()), notes.get(key, ""))} for key in chunk
         ]
         connection.execute(update(sweep).where(sweep.c.key == bindparam("of")), rows)
-
-
-def read_result_values(connection: Connection, keys: list[str]) -> dict[str, dict[str, list[Sequence[object]]]]:
-    """Return the values that the digests of results cover, by key and table."""
-    found: dict[str, dict[str, list[Sequence[object]]]] = defaultdict(lambda: defaultdict(list))
-    for name in RESULT_COLUMNS:
-        for row in connection.execute(covered_rows(metadata.tables[name], keys)):
-            found[row[0]][name].append(row[1:])
-    return found
 
 
 def covered_rows(table: Table, keys: list[str]) -> Query:
@@ -144,16 +95,6 @@ def read_origin_rows(connection: Connection, keys: list[str]) -> dict[str, list[
     return found
 
 
-def part_digests(connection: Connection, numbers: Iterable[int | None]) -> dict[int, str]:
-    """Return the digests of parts by their numbers."""
-    wanted = [number for number in numbers if number is not None]
-    return {
-        row.number: row.digest
-        for chunk in key_chunks(wanted)
-        for row in connection.execute(select(part.c.number, part.c.digest).where(part.c.number.in_(chunk)))
-    }
-
-
 def read_run_rows(connection: Connection, number: int) -> Iterator[Sequence[RowMapping]]:
     """Yield the rows of a run in lists, by position."""
     position = -1
@@ -164,13 +105,3 @@ def read_run_rows(connection: Connection, number: int) -> Iterator[Sequence[RowM
         if last <= position:  # a damaged index is not in order: it would lead in a circle
             return
         position = last
-
-
-def _seal_run_sweeps(connection: Connection, number: int) -> None:
-    chosen = update(run_sweep).where(run_sweep.c.run == number, run_sweep.c.position == bindparam("at"))
-    for rows in read_run_rows(connection, number):
-        sealed = [dict(row) | {"log_digest": log_digest(row["log"])} for row in rows]
-        digests = [
-            {"at": row["position"], "log_digest": row["log_digest"], "digest": run_sweep_digest(row)} for row in sealed
-        ]
-        connection.execute(chosen, digests)

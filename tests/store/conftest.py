@@ -14,8 +14,8 @@ from fraexp.data.results import Curve, FrequencyResponse, Metric, Outcome, Resul
 from fraexp.data.sweep import Sweep
 from fraexp.store import ComponentOrigin, Store
 from fraexp.store.backends.urls import locate_database
-from fraexp.store.sealing import seal_database
 from tests.postgresql import Server, running
+from tests.store.resealing import seal_database
 from tests.waiting import HANG_TIMEOUT_S
 
 ROOT = Path(__file__).parents[2]

@@ -92,7 +92,7 @@ def test_a_difference_is_told_and_nothing_is_overwritten(store, other, sweep, re
     (conflict,) = joined(store, other).conflicts
     assert (conflict.key, conflict.what) == (sweep().key, ("response", "metrics"))
     assert conflict.how.startswith("response: response by ")
-    assert "overshoot is 1.5 here, 1.6 there" in conflict.how
+    assert "overshoot 1.5 here, 1.6 there" in conflict.how
     assert repr(store.result(sweep().key)) == repr(first)
     assert len(joined(store, other).conflicts) == 1
 

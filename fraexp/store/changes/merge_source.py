@@ -56,19 +56,7 @@ class SourceSweep:
 
     def result(self) -> Result:
         """Return the result of a sweep that has one."""
-        columns = self.rows["curve_column"]
-        return Result(
-            Outcome[self.result_columns["outcome"]],
-            self.result_columns["message"],
-            next((codec.parse_response(row) for row in self.rows["frequency_response"]), None),
-            tuple(codec.parse_metric(row) for row in self.rows["metric"]),
-            tuple(
-                codec.parse_curve(row["name"], [column for column in columns if column["curve"] == row["position"]])
-                for row in self.rows["curve"]
-            ),
-            tuple(codec.parse_fit(row) for row in self.rows["fit"]),
-            numerics=self.result_columns["numerics"],
-        )
+        return codec.parse_result(self.result_columns, self.rows)
 
 
 def find_keys(source: Transaction) -> list[str]:

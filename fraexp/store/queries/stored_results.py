@@ -2,7 +2,7 @@
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 from sqlalchemy import Connection, func, or_, select
 
@@ -14,7 +14,6 @@ from fraexp.store.sealing import covered_rows
 from fraexp.store.stored_records import Likeness, StoredState
 from fraexp.store.tables import MAX_KEYS_PER_QUERY, ResultRow, is_one_of, key_chunks, metadata, sweep
 from fraexp.store.tables import supplied_component as supplied
-from fraexp.store.validation import check_types
 
 HAS_RESULT = or_(sweep.c.outcome.is_not(None), sweep.c.content.is_not(None))
 """A sweep has a result, or had one before its outcome was damaged."""
@@ -99,26 +98,9 @@ def _read_results(connection: Connection, keys: list[str]) -> dict[str, Result]:
         of = tables[row.key]
         values = {name: [item[1:] for item in rows] for name, rows in of.items()}
         is_sound = content_digest(row[:-1], values) == row.content
-        found[row.key] = _parse_result(row, of) if is_sound else damaged_result()
+        rows = {name: [item._mapping for item in items] for name, items in of.items()}
+        found[row.key] = codec.parse_result(row._mapping, rows) if is_sound else damaged_result()
     return found
-
-
-def _parse_result(state: ResultRow, tables: Mapping[str, list[ResultRow]]) -> Result:
-    rows = {name: [row._mapping for row in tables.get(name, ())] for name in RESULT_COLUMNS}
-    columns = defaultdict(list)
-    for row in rows["curve_column"]:
-        columns[row["curve"]].append(row)
-    result = Result(
-        Outcome[state.outcome],
-        state.message,
-        next((codec.parse_response(row) for row in rows["frequency_response"]), None),
-        tuple(codec.parse_metric(row) for row in rows["metric"]),
-        tuple(codec.parse_curve(row["name"], columns[row["position"]]) for row in rows["curve"]),
-        tuple(codec.parse_fit(row) for row in rows["fit"]),
-        numerics=state.numerics,
-        elapsed=state.elapsed,
-    )
-    return check_types(result)
 
 
 def damaged_result() -> Result:
