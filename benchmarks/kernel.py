@@ -172,7 +172,7 @@ def laws(bench: Bench) -> None:
 
 def step_errors(bench: Bench) -> None:
     """Error of Y/U over steps per sample: greatest, median, and the time that it takes."""
-    excitation = sweep(4 if bench.reduced else 12, lowest=5.0, highest=150.0, tolerance=1e-7)
+    excitation = sweep(4 if bench.reduced else 12, min_frequency=5.0, max_frequency=150.0, settling_tolerance=1e-7)
     for name in ["rolling"] if bench.reduced else MODELS:
         friction, cells = model({"name": name, **MODELS[name]}), []
         reference, _ = response(friction, REFERENCE, excitation)

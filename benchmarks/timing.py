@@ -156,7 +156,7 @@ def use_laws(names: list[str]) -> None:
     for name in names:
         began = time.process_time()
         friction = rolling(20) if name == "rolling" else model({"name": name, **{**MODELS, **OTHERS}[name]})
-        signals = simulated(machine(friction, 0), sweep(4, lowest=20.0))
+        signals = simulated(machine(friction, 0), sweep(4, min_frequency=20.0))
         displacement = signals.segments[0].channels["displacement"][0]
         friction.forces([Motion(displacement, 5e-4, periodic=True)] * 2)
         report[name] = time.process_time() - began

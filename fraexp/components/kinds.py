@@ -43,8 +43,6 @@ class Component(Parameters, ABC):
     """Kind of component: the section of a study that names one."""
     name: ClassVar[str] = ""
     """Name in studies and in the database; empty for a kind."""
-    former_names: ClassVar[tuple[str, ...]] = ()
-    """Names that it had before: studies and databases may still use them."""
     version: ClassVar[int] = 0
     """Version, which the author raises whenever the same parameters give other numbers."""
     presets: ClassVar[Mapping[str, Mapping[str, object]]] = {}

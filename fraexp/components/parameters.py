@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Self, cast, get_args, get_origin
+from typing import TYPE_CHECKING, Any, Self, cast, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 from pydantic.fields import FieldInfo
@@ -90,29 +90,12 @@ class Parameters(BaseModel, metaclass=_Constructor):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, ser_json_inf_nan="null")
 
-    renamed: ClassVar[Mapping[str, str]] = {}
-    """Former names of parameters, each with its name of today: studies and databases may still hold them."""
-
-    @classmethod
-    def renamed_parameters(cls) -> dict[str, str]:
-        """Return the former names of all parameters, those of base classes included, with the names of today."""
-        return {old: new for base in reversed(cls.__mro__) for old, new in vars(base).get("renamed", {}).items()}
-
-    @classmethod
-    def with_current_names(cls, data: Mapping[str, Any]) -> dict[str, Any]:
-        """Return values by the names of today; ParameterError if one is given under its former name as well."""
-        renamed = cls.renamed_parameters()
-        for old in data.keys() & renamed.keys():
-            if renamed[old] in data:
-                raise ParameterError(f"'{old}' is now called '{renamed[old]}', and both are given; remove '{old}'")
-        return {renamed.get(key, key): value for key, value in data.items()}
-
     @model_validator(mode="before")
     @classmethod
     def _read_units(cls, data: Any, info: ValidationInfo) -> Any:
         if not isinstance(data, Mapping):
             return data
-        read = cls.with_current_names(data)
+        read = dict(data)
         for key, field in cls.model_fields.items():
             if isinstance(read.get(key), bool) and field.annotation in (float, int):
                 raise ParameterError(f"{key} is {toml.as_text(read[key])}; expected a number")
@@ -132,7 +115,6 @@ class Parameters(BaseModel, metaclass=_Constructor):
         if not isinstance(data, Mapping):
             raise ParameterError(f"{title} is {data!r:.60}; expected a table")
         try:
-            data = cls.with_current_names(data)
             return cls.model_validate(data, context=ROTARY if rotary else None)
         except ValidationError as error:
             sentence = _validation_sentence(cls, title, data, error)
@@ -149,7 +131,6 @@ class Parameters(BaseModel, metaclass=_Constructor):
     @classmethod
     def _fault(cls, data: Mapping[str, Any], key: str, title: str, context: Mapping[str, str] | None) -> str:
         try:
-            data = cls.with_current_names(data)
             cls.model_validate(data, context=context)
         except ValidationError as error:
             found = [one for one in error.errors(include_url=False) if one["loc"][:1] == (key,)]
@@ -269,5 +250,4 @@ def _innermost_table(
         return cls, title, data, loc
     for part in loc[:outer]:
         title, data = f"{title}.{part}", data[part]
-    data = inner.with_current_names(data) if isinstance(data, Mapping) else data
     return _innermost_table(inner, title, data, loc[outer:])

@@ -92,16 +92,7 @@ class Providers(Mapping[Key, Provider]):
         self.load(key[1])
         if key not in self._known and key[0] in COMPONENT_KINDS:
             self.load()
-            return self._known[key] if key in self._known else self._formerly(*key)
         return self._known[key]
-
-    def _formerly(self, kind: str, name: str) -> Provider:
-        """Return the provider of the component that had this name before; KeyError if there is none."""
-        found = (of for (other, _), of in self._known.items() if other == kind and name in of.component.former_names)
-        provider = next(found, None)
-        if provider is None:
-            raise KeyError((kind, name))
-        return provider
 
     def __iter__(self) -> Iterator[Key]:
         self.load()

@@ -179,7 +179,7 @@ class Registry:
         """Return the values that are given with those that are inherited, components among them built."""
         if not isinstance(given, Mapping):
             raise ParameterError(f"{given!r:.60} is no table of parameters")
-        values = cls.with_current_names(given)
+        values = dict(given)
         for key, info in cls.model_fields.items():
             origin = inherited_from(info)
             if key not in values and origin is not None:

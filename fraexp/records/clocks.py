@@ -133,12 +133,14 @@ def unknown_rate_error(reader: ColumnReader, table: RecordTable, path: Path) -> 
     )
     if time:
         text = time if table.units.get(time) else f"{time} [s]"
-        return RecordError(f"{place} time = \"{text}\" (--time '{text}') if that is the time, or sample_rate [Hz]")
+        return RecordError(
+            f"{place} time_column = \"{text}\" (--time '{text}') if that is the time, or sample_rate [Hz]"
+        )
     for name, rate in _rates_in_file(reader, path).items():
         return RecordError(
             f"{place} sample_rate = {rate:.6g} (--sample-rate {rate:.6g}), if '{name}' in the file is in SI units"
         )
-    return RecordError(f"{place} sample_rate [Hz] (--sample-rate), or time = the column with the time (--time)")
+    return RecordError(f"{place} sample_rate [Hz] (--sample-rate), or time_column = the column with the time (--time)")
 
 
 def _rates_in_file(reader: ColumnReader, path: Path) -> dict[str, float]:

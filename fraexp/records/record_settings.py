@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import field_validator
 
@@ -53,22 +53,6 @@ class RecordSettings(Parameters):
     ``"volts * 31.5 [N]"``; the unit that the file states is used where none is given. In the names of files and
     columns, and in `select`, ``{level}`` and ``{realisation}`` stand for what `level` and `realisations` say.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "period": "samples_per_period",
-        "periods": "periods_per_realisation",
-        "skip": "skip_periods",
-        "where": "select",
-        "segment": "segment_column",
-        "time": "time_column",
-        "frequency": "frequency_column",
-        "input": "line_channel",
-        "every": "harmonic_step",
-        "lines": "harmonics",
-        "lowest": "min_frequency",
-        "highest": "max_frequency",
-        "coherence": "max_phase_slip",
-    }
 
     file: tuple[str, ...] = param("", "file of the record, relative to the study, or several of one experiment")
     join_files: bool = param("", "whether the files are channels of one record, and not realisations", False)

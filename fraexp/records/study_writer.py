@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from fraexp.components.kinds import Component, Estimator
+from fraexp.components.kinds import Estimator
 from fraexp.components.registry import Registry
 from fraexp.data import toml
 from fraexp.data.atomic_file import atomic_file
@@ -108,10 +108,9 @@ def _default_estimator(request: ImportRequest) -> str:
 def _check_settings(settings: Mapping[str, object], estimators: Sequence[str], registry: Registry) -> None:
     components = [registry.provider(Estimator.kind, estimator).component for estimator in estimators]
     known = {name for component in components for name in component.model_fields}
-    former = {name for component in components for name in component.renamed_parameters()}
     for path in settings:
         name = path.partition(".")[0]
-        if name not in known | former:
+        if name not in known:
             who = " and ".join(estimators)
             raise StudyError(f"--set estimator.{path}: {who} has no such parameter{did_you_mean(name, known)}")
 
@@ -122,7 +121,6 @@ def _estimator_spec(
     """Return an estimator's table: its channels, and those of the settings that are parameters of it."""
     component = registry.provider(Estimator.kind, name).component
     known = component.model_fields
-    settings = {_current_path(component, path): value for path, value in settings.items()}
     roles = [role for role in CHANNEL_ROLES if role in known and not (role == "force" and "thrust" in known)]
     if "thrust" in roles and ("force" in settings or first == "friction"):  # measured friction accelerates nothing
         roles.remove("thrust")
@@ -133,12 +131,6 @@ def _estimator_spec(
         if parts[0] in known:
             _set_nested(spec, parts, value)
     return spec
-
-
-def _current_path(component: type[Component], path: str) -> str:
-    """Return the path of a setting under the parameter's name of today."""
-    name, dot, rest = path.partition(".")
-    return f"{component.renamed_parameters().get(name, name)}{dot}{rest}"
 
 
 def _parse_setting(text: str) -> tuple[str, object]:

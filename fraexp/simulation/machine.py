@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +30,6 @@ LATER_KEYS = ("thrust", "position", "rotary")
 
 class ControlLoop(Parameters):
     """The sampled loop around the plant (paper, Figs 3, 5 and 9): clock, delays and encoder."""
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "input_lags": "input_time_constants",
-        "output_lags": "output_time_constants",
-        "stroke": "divergence_limit",
-    }
 
     sample_time: float = param("s", "sample time Ts of the controller", above=0)
     input_dead_time: float = param("s", "dead time between control input and thrust", 0.0, at_least=0, at_most=10)

@@ -75,7 +75,7 @@ def test_the_observer_needs_no_gain_and_does_not_mind_one():
 
 
 def test_over_compensation_is_an_outcome():
-    signals = compensated(3.0, (5.0,), stroke=0.01)
+    signals = compensated(3.0, (5.0,), divergence_limit=0.01)
     result = FeedbackCompensated().estimate(signals)
     assert signals.outcome in (Outcome.DIVERGED, Outcome.NOT_SETTLED)
     assert result.outcome is signals.outcome

@@ -107,7 +107,7 @@ def test_the_covariance_is_that_of_drawn_parameters():
         ("viscous_coefficient", "0.5 N s/m", 0.5),
         ("curve.characteristic_displacement", "2 um", 2e-6),
         ("curve.coulomb_force", "0.5", 0.5),
-        ("curve.width", "2 um", 2e-6),  # a former name
+        ("curve.characteristic_displacement", "2 um", 2e-6),
     ],
 )
 def test_a_deviation_is_read_in_the_unit_of_its_parameter(signals, parameter, text, number):

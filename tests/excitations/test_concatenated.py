@@ -29,8 +29,8 @@ def test_the_periods_are_those_of_the_parts_in_order(registry, made):
 
 
 def test_the_strictest_schedule_holds_for_all(made):
-    quick = {**SINE, "ramp": 0.5, "tolerance": 1e-3, "settling_timeout": 5.0, "recorded_periods": 6}
-    careful = {**SINE, "ramp": 0.1, "tolerance": 1e-6, "settling_timeout": 50.0, "min_record_time": 2.0}
+    quick = {**SINE, "ramp": 0.5, "settling_tolerance": 1e-3, "settling_timeout": 5.0, "recorded_periods": 6}
+    careful = {**SINE, "ramp": 0.1, "settling_tolerance": 1e-6, "settling_timeout": 50.0, "min_record_time": 2.0}
     assert made(quick, careful).schedule == Schedule(0.5, 1e-6, 50.0, 6, 2.0)
 
 

@@ -59,7 +59,7 @@ def test_of_every_k_neighbours_one_is_left_out_at_random(k):
 
 
 def test_a_logarithmic_grid_is_as_dense_in_each_octave():
-    lines, _, _ = only(points=60, resolution=0.1, lowest=2)
+    lines, _, _ = only(points=60, line_spacing=0.1, min_frequency=2)
     assert (lines % 2 == 1).all()
     ratios = lines[1:] / lines[:-1]
     np.testing.assert_allclose(ratios[lines[:-1] > 100], 100 ** (1 / 59), rtol=0.02)  # rounding to a grid of 0.2 Hz
@@ -88,7 +88,7 @@ def test_phases_are_uniform_and_independent_over_realisations():
 
 
 def test_the_shape_is_interpolated_on_logarithmic_axes_and_keeps_the_total():
-    lines, found, period = only(shape=((10.0, 1.0), (100.0, 5.0)))
+    lines, found, period = only(amplitude_profile=((10.0, 1.0), (100.0, 5.0)))
     frequency = lines / (period.waveform.size * TS)
     expected = 5 ** np.clip(np.log10(frequency / 10), 0, 1)
     np.testing.assert_allclose(found / found[0], expected, rtol=1e-9)

@@ -155,7 +155,7 @@ MARKS = ["resonance", "antiresonance", "rigid body (apparent mass 7.576 kg)"]
 def fitted(make_response: ResponseMaker, **given: object) -> Result:
     frequency = np.geomspace(5, 150, 60)
     response: FrequencyResponse = make_response(frequency, PLANT.response(2 * np.pi * frequency))
-    return ModalFit(method=Conventional(), modes=1, lowest=10, **given).fit_response(response)
+    return ModalFit(method=Conventional(), modes=1, min_frequency=10, **given).fit_response(response)
 
 
 def test_a_fitted_plant_is_a_thin_line_through_the_points_of_its_response(make_response: ResponseMaker) -> None:
@@ -213,7 +213,7 @@ def test_a_spring_below_the_fitted_range_has_its_line(
     s = 2j * np.pi * frequency
     stiff = 1 / (5e4 * (1 + 0.2j) * (frequency < 25) + 1 / PLANT.response(s.imag))
     response: FrequencyResponse = make_response(frequency, stiff, unit=unit)
-    result = ModalFit(method=Conventional(), modes=1, lowest=30).fit_response(response)
+    result = ModalFit(method=Conventional(), modes=1, min_frequency=30).fit_response(response)
     info = bode_info([("a", response)], fitted=[ShownResult("a", result).fitted])
     model = info.curves[0].model
     assert model is not None

@@ -109,29 +109,47 @@ CSV = "t [s],u [N],y [mm],level\n" + "".join(
     f"{k / 100},{k % 10 - 4.5},{(k % 10) ** 2},{k // 50 + 1}\n" for k in range(100)
 )
 RECORDS: tuple[dict[str, Any], ...] = (
-    {"file": "a.csv", "channels": {"u": "u", "y": {"column": "y", "scale": -1.0}}, "period": 10, "time": "t"},
+    {
+        "file": "a.csv",
+        "channels": {"u": "u", "y": {"column": "y", "scale": -1.0}},
+        "samples_per_period": 10,
+        "time_column": "t",
+    },
     {
         "file": ["a.csv"],
         "channels": {"u": "u * 2 [N]", "y": "y"},
         "sample_rate": 100.0,
         "period_time": "0.1 s",
-        "skip": 1,
+        "skip_periods": 1,
     },
     {
         "file": "a.csv",
         "channels": {"u": "u", "y": "y"},
-        "time": "t",
+        "time_column": "t",
         "steps": [{"start": 0.0, "stop": 1.0, "frequency": 10}],
     },
-    {"file": "a.csv", "channels": {"u": "u", "y": "y"}, "periodic": False, "lowest": 5.0, "highest": 20.0, "every": 2},
-    {"file": "a.csv", "channels": {"u": "u", "y": "y"}, "period": 10, "segment": "level", "lines": [1, 2, 3]},
     {
         "file": "a.csv",
         "channels": {"u": "u", "y": "y"},
-        "period": 10,
-        "where": "level = {level}",
+        "periodic": False,
+        "min_frequency": 5.0,
+        "max_frequency": 20.0,
+        "harmonic_step": 2,
+    },
+    {
+        "file": "a.csv",
+        "channels": {"u": "u", "y": "y"},
+        "samples_per_period": 10,
+        "segment_column": "level",
+        "harmonics": [1, 2, 3],
+    },
+    {
+        "file": "a.csv",
+        "channels": {"u": "u", "y": "y"},
+        "samples_per_period": 10,
+        "select": "level = {level}",
         "level": 1,
-        "periods": 2,
+        "periods_per_realisation": 2,
     },
 )
 PRINTED: tuple[dict[str, Any], ...] = (

@@ -164,7 +164,7 @@ RECORDS = {
     "far lines": ({"periodic": False, "min_frequency": 1e308}, "reach 1e\\+308 Hz; expected 50 Hz at most"),
     "no time": ({"period": 10, "time": ""}, "column is empty"),
     "no segment": ({"period": 10, "segment": ""}, "column is empty"),
-    "long name": ({"file": "x" * 5000, "period": 10}, "File name too long"),
+    "long name": ({"file": "x" * 5000, "samples_per_period": 10}, "File name too long"),
 }
 
 

@@ -222,7 +222,7 @@ def test_motions_that_cannot_be_made_are_refused():
     with pytest.raises(ParameterError, match=r"travel is 0.001 m; at 0.04 m/s"):
         ConstantVelocities.parse({"travel": 1e-3}, "excitation")
     with pytest.raises(ParameterError, match="inner_amplitude_ratios must lie between 0 and 1"):
-        SlowTriangle.parse({"amplitude": 1e-3, "inner": [1.5]}, "excitation")
+        SlowTriangle.parse({"amplitude": 1e-3, "inner_amplitude_ratios": [1.5]}, "excitation")
     with pytest.raises(ParameterError, match="raise the velocity, or shorten the travel"):
         SlowTriangle(amplitude=1.0, velocities=(1e-4,)).check(500e-6)
     with pytest.raises(ParameterError, match=r"lower the velocity, or shorten loop.sample_time"):

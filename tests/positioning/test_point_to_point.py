@@ -46,7 +46,7 @@ PATHS = [
     {},
     {"input_dead_time": 1e-3},
     {"input_dead_time": 0.83e-3, "output_dead_time": 0.31e-3},
-    {"input_lags": (1e-3,), "output_dead_time": 0.2e-3, "output_lags": (0.6e-3, 0.3e-3)},
+    {"input_time_constants": (1e-3,), "output_dead_time": 0.2e-3, "output_time_constants": (0.6e-3, 0.3e-3)},
 ]
 
 
@@ -70,7 +70,7 @@ def test_viscous_friction_is_compensated_too():
 
 
 def test_with_the_right_models_rolling_friction_is_not_noticed():
-    signals = moved(hold=0.3)
+    signals = moved(dwell_time=0.3)
     assert np.abs(channel(signals, "y") - channel(signals, "reference")).max() < 0.2e-6
     found = metrics(signals)
     assert found["overshoot"] < 0.2e-6
@@ -80,7 +80,7 @@ def test_with_the_right_models_rolling_friction_is_not_noticed():
 
 
 def test_to_and_fro():
-    signals = moved(targets=(STEP, 0.0, 0.5e-3, -1e-3), hold=0.1)
+    signals = moved(targets=(STEP, 0.0, 0.5e-3, -1e-3), dwell_time=0.1)
     reference = channel(signals, "reference")
     ends = reference[np.cumsum([280] * 4) - 1]
     assert np.abs(ends - [STEP, 0.0, 0.5e-3, -1e-3]).max() < 1e-12
@@ -204,7 +204,7 @@ def test_a_wrong_design_model_overshoots_and_more_so_the_more_it_is_wrong():
     overshoots = []
     for gain, frequency in ((0.132, 38.8), (0.135, 38.8), (0.177, 38.8), (0.177, 41.9)):
         wrong = TABLE.model_copy(update={"rigid_body_gain": gain, "frequencies": (frequency, 80.0)})
-        overshoots.append(metrics(moved(loop=scale, design=wrong, hold=0.3))["overshoot"])
+        overshoots.append(metrics(moved(loop=scale, design=wrong, dwell_time=0.3))["overshoot"])
     assert overshoots[0] < 0.3e-6
     assert overshoots == sorted(overshoots)
     assert overshoots[-1] > 50e-6

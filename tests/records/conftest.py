@@ -25,8 +25,8 @@ class Bench:
     lines = tuple(range(2, 41, 2))
     settings: ClassVar[dict[str, Any]] = {
         "file": "bench.csv",
-        "time": "Time",
-        "period": 200,
+        "time_column": "Time",
+        "samples_per_period": 200,
         "channels": {"u": "iq", "y": {"column": "Position", "scale": -1}},
     }
 

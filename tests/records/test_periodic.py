@@ -16,11 +16,11 @@ BENCH = Path(__file__).parents[3] / "shared" / "data" / "two_inertia_bench"
 RECORD = {
     "file": "MultisineTypeA.mat",
     "sample_rate": 2500,
-    "time": "time [us]",
-    "period": 2500,
-    "skip": 1,
-    "lowest": 11,
-    "highest": 250,
+    "time_column": "time [us]",
+    "samples_per_period": 2500,
+    "skip_periods": 1,
+    "min_frequency": 11,
+    "max_frequency": 250,
     "channels": {
         "iq": "iq_adx [A]",
         "theta_x": "theta_mx [rad]",
@@ -73,7 +73,7 @@ def test_the_published_standard_deviation_is_the_scatter_of_the_response(
     rows[:, 2] += v
     rows[:, 1] += -0.9 * np.roll(v, 2) + rng.normal(0, 0.3, len(rows))  # the controller answers 2 samples later
     bench.write(tmp_path / "bench.csv", rows, digits=9)
-    record = signals_of(lines=bench.lines).segments[0]
+    record = signals_of(harmonics=bench.lines).segments[0]
     errors, variances = [], []
     for run in range(runs):
         rest = slice(run * periods, (run + 1) * periods)

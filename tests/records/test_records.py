@@ -81,10 +81,12 @@ def test_unexcited_lines_between_lowest_and_highest_are_left_out(
     tmp_path: Path, signals_of: Read, bench: Any, unexcited: float, noise: float
 ) -> None:
     bench.write(tmp_path / "bench.csv", odd(5, unexcited, noise))
-    assert signals_of(lowest=5, highest=195).segments[0].lines.tolist() == list(range(1, 40, 2))
-    assert signals_of(lowest=12, highest=60).segments[0].lines.tolist() == [3, 5, 7, 9, 11]
-    assert signals_of(lowest=5, highest=195, every=2).segments[0].lines.tolist() == list(range(1, 40, 2))
-    for stated in ({"lowest": 5, "highest": 195, "every": 1}, {"lines": [1, 2, 3]}):
+    assert signals_of(min_frequency=5, max_frequency=195).segments[0].lines.tolist() == list(range(1, 40, 2))
+    assert signals_of(min_frequency=12, max_frequency=60).segments[0].lines.tolist() == [3, 5, 7, 9, 11]
+    assert signals_of(min_frequency=5, max_frequency=195, harmonic_step=2).segments[0].lines.tolist() == list(
+        range(1, 40, 2)
+    )
+    for stated in ({"min_frequency": 5, "max_frequency": 195, "harmonic_step": 1}, {"harmonics": [1, 2, 3]}):
         with pytest.raises(RecordError, match=r"'u' does not excite 10 Hz \(harmonic 2\)") as caught:
             signals_of(**stated)
         assert "\n" not in str(caught.value)
@@ -92,15 +94,15 @@ def test_unexcited_lines_between_lowest_and_highest_are_left_out(
 
 def test_a_stated_line_may_be_weak_if_it_is_more_than_noise(tmp_path: Path, signals_of: Read, bench: Any) -> None:
     bench.write(tmp_path / "bench.csv", odd(5, unexcited=1e-4))
-    assert signals_of(lines=[1, 2]).segments[0].lines.tolist() == [1, 2]
+    assert signals_of(harmonics=[1, 2]).segments[0].lines.tolist() == [1, 2]
 
 
 def test_excited_lines_are_found_and_can_be_stated(tmp_path: Path, signals_of: Read, bench: Any) -> None:
     bench.write(tmp_path / "bench.csv", bench.rows(4))
     assert tuple(signals_of().segments[0].lines) == bench.lines
-    assert tuple(signals_of(lowest=10, highest=200, every=2).segments[0].lines) == bench.lines
-    assert signals_of(lowest=50).segments[0].frequency[0] == 50
-    assert tuple(signals_of(lines=[2, 6]).segments[0].lines) == (2, 6)
+    assert tuple(signals_of(min_frequency=10, max_frequency=200, harmonic_step=2).segments[0].lines) == bench.lines
+    assert signals_of(min_frequency=50).segments[0].frequency[0] == 50
+    assert tuple(signals_of(harmonics=[2, 6]).segments[0].lines) == (2, 6)
 
 
 def test_distortion_is_not_taken_for_excitation() -> None:
@@ -114,7 +116,7 @@ def test_distortion_is_not_taken_for_excitation() -> None:
 def test_skipped_periods_and_time_are_left_out(tmp_path: Path, signals_of: Read, bench: Any) -> None:
     rows = bench.rows(5)
     bench.write(tmp_path / "bench.csv", rows)
-    segment = signals_of(skip=1, skip_time=0.01).segments[0]
+    segment = signals_of(skip_periods=1, skip_time=0.01).segments[0]
     assert segment.channels["u"].shape == (3, bench.period)
     assert segment.channels["u"][0, 0] == rows[bench.period + 10, 1]
 
@@ -123,7 +125,7 @@ def test_a_period_between_samples_takes_several_periods(tmp_path: Path, signals_
     time = np.arange(1000) / bench.rate
     wave = np.sin(2 * np.pi * 80 * time / 3)
     bench.write(tmp_path / "bench.csv", np.column_stack([time, wave, np.roll(wave, 2)]))
-    segment = signals_of(period=None, period_time=0.0375).segments[0]  # 37.5 samples
+    segment = signals_of(samples_per_period=None, period_time=0.0375).segments[0]  # 37.5 samples
     assert segment.channels["u"].shape == (13, 75)
     assert segment.lines.tolist() == [2]
     assert segment.frequency[0] == pytest.approx(80 / 3, rel=1e-12)
@@ -146,8 +148,8 @@ def test_a_stepped_sine_is_cut_into_its_frequencies(
         y[inside] = 2 * np.sin(2 * np.pi * value * time[inside] - 0.5)
     bench.write(tmp_path / "bench.csv", np.column_stack([time, u, y, frequency]), "Time,iq [A],Position [mm],f [Hz]")
     listed = [{"start": start, "stop": stop, "frequency": value} for start, stop, value in steps]
-    way = {"frequency": "f"} if as_column else {"steps": listed}
-    signals = signals_of(period=None, skip=1, coherence=0.01, **way)
+    way = {"frequency_column": "f"} if as_column else {"steps": listed}
+    signals = signals_of(samples_per_period=None, skip_periods=1, max_phase_slip=0.01, **way)
     assert [float(segment.frequency[0]) for segment in signals.segments] == pytest.approx([10.0, 38.8, 80.0], rel=1e-9)
     for segment in signals.segments:
         spectrum = periodic_spectrum(segment, "u", "y")
@@ -163,17 +165,17 @@ def test_the_same_signals_have_one_key_however_they_are_described(
     bench.write(tmp_path / "bench.csv", bench.rows(4))
     described = [
         bench.settings,
-        {**bench.settings, "period": None, "period_time": "200 ms"},
+        {**bench.settings, "samples_per_period": None, "period_time": "200 ms"},
         {
             **bench.settings,
             "channels": {"y": {"column": "Position", "unit": "mm", "scale": -1}, "u": "iq [A]"},
-            "input": "u",
+            "line_channel": "u",
         },
-        {**bench.settings, "lowest": 10, "highest": "0.2 kHz", "every": 2, "sample_rate": 1000},
+        {**bench.settings, "min_frequency": 10, "max_frequency": "0.2 kHz", "harmonic_step": 2, "sample_rate": 1000},
     ]
     keys = {key_of(resolve(RecordSettings.parse(one, "record"), tmp_path, registry)[0]) for one in described}
     assert len(keys) == 1
-    other = RecordSettings.parse({**bench.settings, "skip": 1}, "record")
+    other = RecordSettings.parse({**bench.settings, "skip_periods": 1}, "record")
     assert key_of(resolve(other, tmp_path, registry)[0]) not in keys
 
 
@@ -192,7 +194,8 @@ def test_the_experiment_names_the_content_and_not_the_path(tmp_path: Path, regis
 
 def test_settings_survive_the_way_through_plain_data(bench: Any) -> None:
     settings = RecordSettings.parse(
-        {**bench.settings, "steps": [{"start": 0, "stop": 1, "frequency": "0.1 kHz"}], "period": None}, "record"
+        {**bench.settings, "steps": [{"start": 0, "stop": 1, "frequency": "0.1 kHz"}], "samples_per_period": None},
+        "record",
     )
     assert settings.steps[0].frequency == 100
     plain = {key: value for key, value in settings.plain().items() if value is not None}
@@ -225,14 +228,14 @@ REFUSED = {
     "nonsense as unit": ({"channels": {"u": "iq [m/(]"}}, r"channel 'u': 'm/\(' is no"),
     "scale 0": ({"channels": {"u": {"column": "iq", "scale": 0}}}, r"scale is 0"),
     "no clock": (
-        {"file": "none.csv", "time": None},
+        {"file": "none.csv", "time_column": None},
         r"sample rate is unknown; give sample_rate \[Hz\] \(--sample-rate",
     ),
     "clock without a unit": (
-        {"file": "bare.csv", "time": None, "channels": {"u": "iq [A]"}},
-        r"sample rate is unknown; give time = \"Time \[s\]\" \(--time 'Time \[s\]'\) if that is the time",
+        {"file": "bare.csv", "time_column": None, "channels": {"u": "iq [A]"}},
+        r"sample rate is unknown; give time_column = \"Time \[s\]\" \(--time 'Time \[s\]'\) if that is the time",
     ),
-    "uneven clock": ({"file": "jitter.csv", "time": None}, r"give time = \"Time\" \(--time 'Time'\)"),
+    "uneven clock": ({"file": "jitter.csv", "time_column": None}, r"give time_column = \"Time\" \(--time 'Time'\)"),
     "wrong rate": ({"sample_rate": 500}, r"sample_rate is 500 Hz, but the time in the file says 1000 Hz"),
     "unit of another kind": (
         {"channels": {"u": "iq", "y": "Position [N]"}},
@@ -243,41 +246,44 @@ REFUSED = {
         r"'y': the unit is given as m, but the file says mm; leave the unit out or correct it",
     ),
     "another time in the file": (
-        {"time": None, "sample_rate": 500},
+        {"time_column": None, "sample_rate": 500},
         r"sample_rate is 500 Hz, but the time in the file says 1000 Hz",
     ),
-    "time in other units": ({"time": "Time [m]"}, r"given as m, but the file says s for column 'Time'"),
+    "time in other units": ({"time_column": "Time [m]"}, r"given as m, but the file says s for column 'Time'"),
     "time in metres": (
-        {"file": "bare.csv", "time": "Time [m]", "channels": {"u": "iq [A]"}},
+        {"file": "bare.csv", "time_column": "Time [m]", "channels": {"u": "iq [A]"}},
         r"the time is in 'm'; expected a unit such as s",
     ),
     "no period": (
-        {"period": None},
+        {"samples_per_period": None},
         r"repeat every 100 samples \(0\.1 s\): give samples_per_period = 100 \(--samples-per-period\)",
     ),
     "two periods": ({"period_time": 0.2}, r"period and period_time are both given"),
-    "wrong period": ({"period": 130}, r"'u' does not repeat after 130 samples .*repeat every 100 samples"),
+    "wrong period": ({"samples_per_period": 130}, r"'u' does not repeat after 130 samples .*repeat every 100 samples"),
     "period off by one": (
-        {"period": 199},
+        {"samples_per_period": 199},
         r"repeats worse after 199 samples than after 100; it .* samples_per_period = 100 \(",
     ),
-    "too short": ({"skip": 3}, r"200 samples are left, 1\.00 periods; expected at least 2 periods"),
+    "too short": ({"skip_periods": 3}, r"200 samples are left, 1\.00 periods; expected at least 2 periods"),
     "too high": (
-        {"lowest": 10, "highest": 600},
+        {"min_frequency": 10, "max_frequency": 600},
         r"max_frequency is 600 Hz; expected at most half the sample rate, 500 Hz",
     ),
-    "no lines": ({"lowest": 300}, r"none of the excited lines, 10 to 200 Hz, is between"),
-    "lines too high": ({"lines": [2, 120]}, r"excited harmonics are 2 to 120; expected some from 1 to 99"),
-    "lowest above highest": ({"lowest": 30, "highest": 20}, r"min_frequency is 30 Hz and max_frequency 20 Hz"),
+    "no lines": ({"min_frequency": 300}, r"none of the excited lines, 10 to 200 Hz, is between"),
+    "lines too high": ({"harmonics": [2, 120]}, r"excited harmonics are 2 to 120; expected some from 1 to 99"),
+    "lowest above highest": (
+        {"min_frequency": 30, "max_frequency": 20},
+        r"min_frequency is 30 Hz and max_frequency 20 Hz",
+    ),
     "every without ends": (
-        {"every": 2, "lowest": 10},
+        {"harmonic_step": 2, "min_frequency": 10},
         r"harmonic_step is given without min_frequency and max_frequency",
     ),
     "lines in two ways": (
-        {"lines": [2], "every": 2},
+        {"harmonics": [2], "harmonic_step": 2},
         r"expected either harmonics, or min_frequency, max_frequency and harmonic_step",
     ),
-    "no such input": ({"input": "v"}, r"line_channel is 'v', which is not a channel"),
+    "no such input": ({"line_channel": "v"}, r"line_channel is 'v', which is not a channel"),
     "constant": ({"file": "still.csv"}, r"channel 'y' \(column 'Position'\) is constant, 3"),
     "jitter": (
         {"file": "jitter.csv"},
@@ -286,23 +292,27 @@ REFUSED = {
     "gap": ({"file": "gap.csv"}, r"has a gap of 0\.05 s after sample 300"),
     "backwards": ({"file": "backwards.csv"}, r"does not increase after sample 500"),
     "step beyond the end": (
-        {"period": None, "steps": [{"start": 0, "stop": 9, "frequency": 10}]},
+        {"samples_per_period": None, "steps": [{"start": 0, "stop": 9, "frequency": 10}]},
         r"step 1 \(10 Hz\): it lasts from 0 to 9 s; expected to lie within 0\.8 s",
     ),
     "step too fast": (
-        {"period": None, "steps": [{"start": 0, "stop": 0.5, "frequency": 500}]},
+        {"samples_per_period": None, "steps": [{"start": 0, "stop": 0.5, "frequency": 500}]},
         r"step 1 \(500 Hz\): expected less than half the sample rate",
     ),
     "step of another frequency": (
-        {"period": None, "steps": [{"start": 0, "stop": 0.8, "frequency": 15}]},
+        {"samples_per_period": None, "steps": [{"start": 0, "stop": 0.8, "frequency": 15}]},
         r"'u' is strongest at .* where 15 Hz is stated, and so in 1 of 1 steps",
     ),
     "incoherent step": (
-        {"period": None, "coherence": 1e-9, "steps": [{"start": 0, "stop": 0.8, "frequency": 31.4159265}]},
+        {
+            "samples_per_period": None,
+            "max_phase_slip": 1e-9,
+            "steps": [{"start": 0, "stop": 0.8, "frequency": 31.4159265}],
+        },
         r"no whole number of periods of 31\.831 samples .*raise max_phase_slip .*, or record for longer",
     ),
     "step without frequency": (
-        {"period": None, "steps": [{"start": 0, "stop": 0.8}]},
+        {"samples_per_period": None, "steps": [{"start": 0, "stop": 0.8}]},
         r"steps\.1 lacks 'frequency'",
     ),
 }

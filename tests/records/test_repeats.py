@@ -72,7 +72,7 @@ def test_a_period_between_samples_is_not_refused(
     phase = 2 * np.pi * time / 0.0514
     wave = np.sin(phase) + np.sin(5 * phase) + 1e-3 * np.random.default_rng(5).normal(size=time.size)
     bench.write(tmp_path / "bench.csv", np.column_stack([time, wave, np.roll(wave, 2)]))
-    (segment,) = signals_of(period=None, period_time=0.0514, coherence=0.02).segments
+    (segment,) = signals_of(samples_per_period=None, period_time=0.0514, max_phase_slip=0.02).segments
     assert segment.channels["u"].shape[1] == 51
     assert segment.frequency[0] == pytest.approx(1 / 0.0514)
 
@@ -84,7 +84,7 @@ def test_time_that_is_written_with_few_digits_is_a_clock_all_the_same(
     rows[:, 0] = np.round(rows[:, 0], 2) * 1000
     bench.write(tmp_path / "bench.csv", rows, "Zeit [ms],iq (A),Position [mm]")
     with pytest.raises(RecordError, match=r"sample_rate is 900 Hz, but the time in the file says (999|1000)"):
-        signals_of(time=None, sample_rate=900)
+        signals_of(time_column=None, sample_rate=900)
 
 
 @pytest.mark.parametrize("heading", ["latency [ms]", "time", "pressure [bar]"])
@@ -95,7 +95,7 @@ def test_a_column_that_is_not_evidently_the_time_is_no_clock(
     if heading != "time":
         rows[:, 0] = np.random.default_rng(6).uniform(1, 2, len(rows))
     bench.write(tmp_path / "bench.csv", rows, f"{heading},iq (A),Position [mm]")
-    assert signals_of(time=None, sample_rate=500).segments[0].sample_time == 1 / 500
+    assert signals_of(time_column=None, sample_rate=500).segments[0].sample_time == 1 / 500
 
 
 @pytest.mark.parametrize(

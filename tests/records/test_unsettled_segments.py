@@ -17,6 +17,6 @@ def test_a_segment_that_had_not_settled_shows_in_the_outcome(
     bench.write(tmp_path / "bench.csv", bench.rows(8))
     one = {"start": 400, "samples": 200, "periods": 2, "harmonics": [*bench.lines], "rest": 0, "settled": True}
     both = [one, {**one, "start": 1000, "settled": settled}]
-    signals = signals_of(segments=both, period=None)
+    signals = signals_of(segments=both, samples_per_period=None)
     assert signals.outcome is outcome
     assert ("1 of 2 segments were not yet periodic" in signals.message) is not settled

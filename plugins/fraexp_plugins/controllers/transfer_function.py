@@ -1,7 +1,5 @@
 """A feedback controller as a general transfer function in z."""
 
-from typing import ClassVar
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,8 +8,6 @@ from fraexp.api import Controller, ParameterError, param
 
 class TransferFunction(Controller, name="transfer_function", version=1):
     """C(z) = (b0 + b1 z⁻¹ + …) / (a0 + a1 z⁻¹ + …), any order (C(z) of the paper's Fig 3)."""
-
-    former_names: ClassVar[tuple[str, ...]] = ("z_transfer",)
 
     numerator: tuple[float, ...] = param("N/m", "coefficients b_i in ascending powers of z⁻¹")
     denominator: tuple[float, ...] = param("1", "coefficients a_i in ascending powers of z⁻¹", (1.0,))

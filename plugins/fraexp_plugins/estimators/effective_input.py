@@ -90,11 +90,6 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
     """
 
     takes_responses: ClassVar[bool] = True
-    former_names: ClassVar[tuple[str, ...]] = ("proposed",)
-    renamed: ClassVar[Mapping[str, str]] = {
-        "force_deviation": "force_std",
-        "width_deviation": "displacement_std",
-    }
 
     method: Estimator | None = param("", "estimator from û_e to y'; Fourier sums if it is not given", None)
     force_std: float = param("1", "relative standard deviation of the model's force ΣF_m", 0.0, at_least=0, below=1)

@@ -1,7 +1,7 @@
 """The best linear approximation from one realisation of a multisine with detection lines for the distortions."""
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,8 +48,6 @@ class FastBestLinearApproximation(ReferencedEstimator, name="fast_best_linear_ap
     covers 95 % to first order only. It does not remove the bias by friction: it estimates plant and friction at this
     amplitude.
     """
-
-    former_names: ClassVar[tuple[str, ...]] = ("fast_best_linear",)
 
     expected_failures = dict.fromkeys(
         ("linear-plant", "result-units", "covariance", "outcome"), "a stepped sine has no detection lines"

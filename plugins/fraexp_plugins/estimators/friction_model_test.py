@@ -1,7 +1,7 @@
 """A test of the friction model that needs no knowledge of the plant."""
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -50,12 +50,6 @@ class FrictionModelTest(ObserverEstimator, name="friction_model_test", version=2
     Do not use it with one realisation, nor at amplitudes so large that friction no longer matters: every friction
     model is good enough there.
     """
-
-    former_names: ClassVar[tuple[str, ...]] = ("self_diagnosis",)
-    renamed: ClassVar[Mapping[str, str]] = {
-        "reference_channel": "excitation_channel",
-        "tolerance": "scatter_tolerance",
-    }
 
     excitation_channel: str = param("", "channel of the excitation, if there is one", "excitation")
     bands: tuple[float, ...] = param("Hz", "limits of the frequency bands, ascending", (1.0, 5.0, 20.0, 100.0))

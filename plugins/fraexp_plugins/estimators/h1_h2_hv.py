@@ -1,9 +1,8 @@
 """The H1, H2 and Hv estimates from averaged spectra of input and output, for records without an excitation channel."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,9 +41,6 @@ class H1H2Hv(BroadbandEstimator, name="h1_h2_hv", version=2):
     `joint_input_output`). For a periodic record use `best_linear_approximation`, whose whole periods do not leak. None
     of them removes the bias by friction.
     """
-
-    former_names: ClassVar[tuple[str, ...]] = ("spectral",)
-    renamed: ClassVar[Mapping[str, str]] = {"form": "variant"}
 
     variant: Literal["h1", "h2", "hv"] = param("", "h1: noise at the output; h2: at the input; hv: at both", "h1")
     window: float = param("s", "length of the windows; 0 for the period, or block, of the record", 0.0, at_least=0)

@@ -1,7 +1,7 @@
 """Higher-order sinusoidal-input describing functions: the response to a sine at its harmonics."""
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,12 +61,6 @@ class HigherOrderDescribingFunctions(PlantReferredEstimator, name="higher_order_
 
     H_k is valid for the amplitude at which it was measured. Do not use it at another amplitude.
     """
-
-    former_names: ClassVar[tuple[str, ...]] = ("higher_order",)
-    renamed: ClassVar[Mapping[str, str]] = {
-        "orders": "max_order",
-        "correction": "remove_input_harmonics",
-    }
 
     max_order: int = param("1", "highest order k", 7, at_least=1, at_most=50)
     remove_input_harmonics: bool = param("", "whether the response to the input's own harmonics is removed", True)

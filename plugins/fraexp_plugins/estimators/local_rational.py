@@ -1,8 +1,5 @@
 """The local rational method: as the local polynomial one, for lightly damped resonances."""
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 from fraexp.api import param
 from fraexp_plugins.estimators._shared.local_estimator import LocalEstimator
 from fraexp_plugins.estimators._shared.local_models import LocalModel
@@ -23,8 +20,6 @@ class LocalRational(LocalEstimator, name="local_rational", version=1):
     it is simpler. In an arbitrary record with a thousandth of noise or less the confidence band at resonances covers
     about 90 % instead of 95 %; below n bins from 0 Hz it is too wide in a closed loop.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {"poles": "denominator_order"}
 
     order: int = param("1", "order R of the polynomials", 2, at_least=0, at_most=10)
     denominator_order: int = param("1", "order of the denominator", 2, at_least=1, at_most=6)

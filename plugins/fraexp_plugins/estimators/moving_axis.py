@@ -1,7 +1,6 @@
 """The moving-axis FRA method: excitation during a motion without reversals, so that friction keeps its sign."""
 
 import itertools
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -33,8 +32,6 @@ class MovingAxis(PlantReferredEstimator, name="moving_axis", version=1):
     slow sine, which an offset and a slope do not describe. A slow sine is periodic and orthogonal to the sine over
     whole periods, where `conventional` is exact.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {"run_in": "reversal_settling_time"}
 
     reversal_settling_time: float = param(
         "s", "settling time after each reversal, in which its disturbance decays", 0.5,

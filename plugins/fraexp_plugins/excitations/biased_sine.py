@@ -1,8 +1,5 @@
 """A force with an offset and a ripple, from rest."""
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 import numpy as np
 
 from fraexp.api import Excitation, ParameterError, Period, Schedule, param
@@ -15,8 +12,6 @@ class BiasedSine(Excitation, name="biased_sine", version=1):
     Below the static friction a machine stays where it is; models without an elastic range creep (P. Dupont et al.,
     IEEE Trans. Automatic Control 47(5), 2002, doi:10.1109/TAC.2002.1000274, section II).
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {"whole_periods": "recorded_periods"}
 
     bias: float = param("N", "offset B")
     amplitude: float = param("N", "amplitude A of the ripple", above=0)

@@ -1,7 +1,6 @@
 """Swept sine: the frequency glides through the frequency range once a period."""
 
-from collections.abc import Mapping
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +31,6 @@ class Chirp(BroadbandExcitation, name="chirp", version=1):
     and has one realisation; a multisine does. Nor does it give the response at one amplitude of one sine: it leaves a
     frequency before the friction force has become periodic there.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {"sweep": "spacing", "fade": "taper", "shape": "amplitude_profile"}
 
     amplitude: float = param("N", "amplitude A", above=0)
     period: float = param("s", "period T: time of one sweep", 10.0, above=0, at_most=10_000)

@@ -18,8 +18,6 @@ class Concatenated(Excitation, name="concatenated", version=1):
     drive a displacement.
     """
 
-    former_names: ClassVar[tuple[str, ...]] = ("sequence",)
-
     parts: tuple[Excitation, ...] = param("", "the excitations, each with its name and parameters")
 
     presets: ClassVar[dict[str, dict[str, object]]] = {

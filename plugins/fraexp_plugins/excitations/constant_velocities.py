@@ -1,6 +1,5 @@
 """The position reference back and forth at one constant velocity after another, for viscous friction."""
 
-from collections.abc import Mapping
 from typing import ClassVar
 
 from fraexp.api import Excitation, ParameterError, Period, Schedule, param
@@ -14,8 +13,6 @@ class ConstantVelocities(Excitation, name="constant_velocities", version=1):
     (`viscous_identification`). The travel must be many times the presliding distance, which is left out at each
     reversal.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {"way": "travel"}
 
     velocities: tuple[float, ...] = param("m/s", "velocities", (5e-3, 10e-3, 20e-3, 40e-3))
     travel: float = param("m", "travel from one reversal to the next", 10e-3, above=0)

@@ -1,7 +1,6 @@
 """A sine while the axis moves: no reversal of the velocity, so that friction is nearly constant."""
 
-from collections.abc import Mapping
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,8 +42,6 @@ class MovingSine(SteppedExcitation, name="moving_sine", version=1):
     It needs stroke, and frequencies at which ω|y| stays below V; Stribeck friction adds its slope dF/dv at V, and what
     depends on the position (cogging, pitch errors, ball passage) appears as a disturbance.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {"shape": "amplitude_profile", "run_in": "reversal_settling_time"}
 
     amplitude: float = param("N", "amplitude A of the sine", above=0)
     amplitude_profile: AmplitudeProfile = param("Hz", PROFILE_MEANING, ())

@@ -1,7 +1,6 @@
 """Random-phase multisine: many harmonics of one period at once."""
 
-from collections.abc import Mapping
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,12 +40,6 @@ class Multisine(BroadbandExcitation, name="multisine", version=1):
     Gaussian. The best linear approximation of the robust method, an expectation over independent random phases, is
     then another one: it is refused with several realisations.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "resolution": "line_spacing",
-        "detection": "detection_group_size",
-        "shape": "amplitude_profile",
-    }
 
     rms: float = param("N", "root mean square value", above=0)
     line_spacing: float = param("Hz", "spacing f0 of the harmonics: one over the period", 0.5, above=0)

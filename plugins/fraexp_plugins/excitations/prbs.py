@@ -25,7 +25,6 @@ class Prbs(BroadbandExcitation, name="prbs", version=1):
     phases cannot be drawn.
     """
 
-    renamed: ClassVar[Mapping[str, str]] = {"clock": "samples_per_bit"}
     expected_failures: ClassVar[Mapping[str, str]] = {
         "whole-periods": "a binary wave has energy beyond the frequency range of interest as well"
     }

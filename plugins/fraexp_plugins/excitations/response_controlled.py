@@ -1,6 +1,6 @@
 """Response-controlled stepped sine: the displacement amplitude is the same at all frequencies."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal, NamedTuple
 
@@ -53,7 +53,6 @@ class ResponseControlled(SteppedExcitation, name="response_controlled", version=
     may exceed Y.
     """
 
-    renamed: ClassVar[Mapping[str, str]] = {"highest_force": "max_force"}
     rounds: ClassVar[int] = 5
 
     displacement: float = param("m", "amplitude Y of the response", above=0)

@@ -1,6 +1,5 @@
 """A slow back-and-forth motion of the position reference, with smaller reversals inside, for identifying friction."""
 
-from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
@@ -23,8 +22,6 @@ class SlowTriangle(Excitation, name="slow_triangle", version=1):
     The motion is repeated at each of the `velocities`, which separates viscous from Coulomb friction. It does not give
     a mass: there is too little acceleration.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {"inner": "inner_amplitude_ratios"}
 
     amplitude: float = param("m", "amplitude A, several times the presliding distance", above=0)
     velocities: tuple[float, ...] = param("m/s", "velocities, one cycle at each in turn", (1e-3, 3e-3))

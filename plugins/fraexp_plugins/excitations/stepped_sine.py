@@ -1,8 +1,5 @@
 """Stepped sine: one frequency after another, each in its periodic state."""
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 import numpy as np
 
 from fraexp.api import Period, param
@@ -24,8 +21,6 @@ class SteppedSine(SteppedExcitation, name="stepped_sine", version=1):
     `amplitude_profile` is s(f), 1 by default. It gives the most accurate response per frequency, and is the slowest:
     a sweep of a hundred frequencies takes minutes on a machine, a multisine seconds.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {"shape": "amplitude_profile"}
 
     amplitude: float = param("N", "amplitude A", above=0)
     amplitude_profile: AmplitudeProfile = param("Hz", PROFILE_MEANING, ())

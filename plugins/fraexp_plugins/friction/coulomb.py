@@ -1,7 +1,7 @@
 """Coulomb friction with Stribeck effect."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
@@ -28,13 +28,6 @@ class Coulomb(FrictionModel, name="coulomb", version=4):
     """
 
     states: ClassVar[tuple[str, ...]] = ("force [N]",)
-    renamed: ClassVar[Mapping[str, str]] = {
-        "coulomb": "coulomb_force",
-        "breakaway": "static_force",
-        "stribeck_shape": "stribeck_exponent",
-        "asymmetry": "negative_ratio",
-        "sticking": "stiction_displacement",
-    }
 
     coulomb_force: float = param("N", "Coulomb friction force Fc", above=0)
     static_force: float | None = param("N", "static friction force Fs; Fc if not given", None, above=0)

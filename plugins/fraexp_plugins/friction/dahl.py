@@ -1,7 +1,6 @@
 """Dahl friction."""
 
 import math
-from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
@@ -18,7 +17,6 @@ class Dahl(FrictionModel, name="dahl", version=1):
     """
 
     states: ClassVar[tuple[str, ...]] = ("force [N]",)
-    renamed: ClassVar[Mapping[str, str]] = {"coulomb": "coulomb_force"}
 
     stiffness: float = param("N/m", "presliding stiffness σ", above=0)
     coulomb_force: float = param("N", "Coulomb friction force Fc", above=0)

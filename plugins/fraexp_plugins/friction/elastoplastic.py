@@ -1,7 +1,6 @@
 """Elastoplastic friction."""
 
 import math
-from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
@@ -20,8 +19,6 @@ class Elastoplastic(BristleModel, name="elastoplastic", version=1):
     piece's middle (V. Hayward, B. Armstrong, F. Altpeter and P. Dupont, IEEE Trans. Control Systems Technology 17(6),
     2009), so |z| ≤ Fs/σ0 at any step. It does not drift.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {"elastic_share": "elastic_limit_ratio"}
 
     elastic_limit_ratio: float = param("1", "elastic limit z_ba over Fc/σ0", 0.7, above=0, below=1)
 

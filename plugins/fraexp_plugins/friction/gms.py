@@ -1,7 +1,6 @@
 """Generalized Maxwell slip friction."""
 
 import math
-from collections.abc import Mapping
 from functools import cached_property
 from typing import ClassVar
 
@@ -19,14 +18,6 @@ class GeneralizedMaxwellSlip(FrictionModel, name="gms", version=1):
     Control 50(11), 2005, doi:10.1109/TAC.2005.858676. The slip's exponential is exact for a constant velocity. With
     Fs = Fc it is the rolling model.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "shares": "force_fractions",
-        "coulomb": "coulomb_force",
-        "breakaway": "static_force",
-        "stribeck_shape": "stribeck_exponent",
-        "attraction": "attraction_rate",
-    }
 
     stiffness: tuple[float, ...] = param("N/m", "stiffness k_i of the elements")
     force_fractions: tuple[float, ...] = param("1", "fractions α_i of the friction force by element; their sum is 1")

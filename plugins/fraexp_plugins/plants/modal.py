@@ -1,8 +1,5 @@
 """The modal plant: a rigid body and any number of vibration modes (paper, eq 1)."""
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,8 +12,6 @@ class Modal(Plant, name="modal", version=1):
     With a viscous coefficient D the rigid body is 1/(s² + k0 D s): for what is identified together with the guide's
     viscous friction. In a simulation that friction belongs to the friction model.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {"gain": "rigid_body_gain", "residues": "modal_gain_ratios"}
 
     rigid_body_gain: float = param("m/(N s**2)", "rigid-body gain k0, the reciprocal of the moving mass", above=0)
     frequencies: tuple[float, ...] = param("Hz", "natural frequencies f_i of the modes", ())

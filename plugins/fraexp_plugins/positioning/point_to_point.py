@@ -1,8 +1,7 @@
 """A motion from target to target with its feedforward: two degrees of freedom beside the feedback."""
 
-from collections.abc import Mapping
 from functools import lru_cache
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,12 +43,6 @@ class PointToPoint(Excitation, name="point_to_point", version=1):
     makes it, and the model would be meaningless. It needs a P_d that is known: an error of P_d is an error of the
     thrust, and the modes ring.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "hold": "dwell_time",
-        "input_lags": "input_time_constants",
-        "output_lags": "output_time_constants",
-    }
 
     targets: tuple[float, ...] = param("m", "targets, one after another, from the loop's reference", (1.5e-3,))
     duration: float = param("s", "time of each move, rounded up to samples", 0.04, above=0)

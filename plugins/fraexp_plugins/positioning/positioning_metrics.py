@@ -31,9 +31,6 @@ class PositioningMetrics(Estimator, name="positioning_metrics", version=2):
     no settling time that counts. The reference must rest after each move.
     """
 
-    former_names: ClassVar[tuple[str, ...]] = ("positioning",)
-    renamed: ClassVar[Mapping[str, str]] = {"band": "settling_window", "rest": "min_rest_time"}
-
     output: str = param("", "channel of the position", "y")
     reference: str = param("", "channel of the position reference, delayed as the position is", "reference")
     input: str = param("", "channel of the thrust; optional", "u")

@@ -1,8 +1,7 @@
 """Estimators of a plant behind delays: G_di and G_do of the paper's Fig 10."""
 
 from abc import ABC
-from collections.abc import Mapping
-from typing import ClassVar, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,13 +40,6 @@ class LoopDelays(NamedTuple):
 
 class DelayedEstimator(Estimator, ABC):
     """An estimator that knows the delays between control input and thrust, and between displacement and its sample."""
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "input_lags": "input_time_constants",
-        "output_lags": "output_time_constants",
-        "hold": "zero_order_hold",
-        "roll_off": "relative_degree",
-    }
 
     input: str = param("", "channel of the control input", "u")
     output: str = param("", "channel of the measured position", "y")
@@ -89,8 +81,6 @@ class DelayedEstimator(Estimator, ABC):
 
 class PlantReferredEstimator(DelayedEstimator, ABC):
     """An estimator whose response can be referred to the plant: divided by the delays and the hold."""
-
-    renamed: ClassVar[Mapping[str, str]] = {"remove_delay": "refer_to_plant"}
 
     refer_to_plant: bool = param(
         "", "whether the response is divided by G_di, G_do and the hold, to compare it with P(jω)", False

@@ -5,7 +5,7 @@ from abc import ABC
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import ClassVar, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,11 +45,6 @@ class ObserverEstimator(DelayedEstimator, ABC):
     only would miss the peaks by A(1 - cos(ωTs/2)). Terms of the series below the encoder's resolution and noise are
     removed, because the model would take them for reversals.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "width_scale": "displacement_scale",
-        "interpolation": "oversampling",
-    }
 
     friction: FrictionModel = param("", "friction model FM of the observer", inherit="friction")
     force_scale: float = param("1", "factor on the model's force, such as 1.1 for a ΣF_m 10 % too large", 1.0, above=0)

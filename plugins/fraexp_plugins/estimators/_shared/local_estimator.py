@@ -1,7 +1,6 @@
 """The base of the local polynomial and the local rational method."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar, Literal
 
@@ -48,10 +47,6 @@ class LocalEstimator(BroadbandEstimator, ABC):
     """An estimator that separates response and transient by their smoothness over the bins around each line."""
 
     removes_motion: ClassVar[bool] = True
-    renamed: ClassVar[Mapping[str, str]] = {
-        "freedom": "min_degrees_of_freedom",
-        "reference_channel": "excitation_channel",
-    }
 
     expected_failures = dict.fromkeys(
         ("linear-plant", "result-units", "covariance", "outcome"), "one period of a sine has no bins around its line"

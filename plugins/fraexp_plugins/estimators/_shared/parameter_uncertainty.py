@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from math import inf
-from typing import ClassVar, Generic, NamedTuple, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,6 @@ MAX_STEP_HALVINGS = 10
 
 class Deviation(Parameters):
     """The standard deviation of one parameter of a model."""
-
-    renamed: ClassVar[Mapping[str, str]] = {"deviation": "std"}
 
     parameter: str = param(
         "", "name of the parameter, with dots to parts and to places in a list: `coulomb_force`, `stiffness.0`"
@@ -180,7 +178,7 @@ class _Target(NamedTuple):
 
 
 def _target(model: Model, parameter: str) -> _Target:
-    """Return a parameter by its name, or a former one; ParameterError if it does not exist or is not a number."""
+    """Return a parameter by its name; ParameterError if it does not exist or is not a number."""
     found: object = model
     path: list[str | int] = []
     unit = ""
@@ -194,11 +192,10 @@ def _target(model: Model, parameter: str) -> _Target:
         if not isinstance(found, Parameters):
             raise ParameterError(f"deviations: '{parameter}' has no part '{part}': what comes before it is a number")
         fields = type(found).model_fields
-        name = type(found).renamed_parameters().get(part, part)
-        if name not in fields:
+        if part not in fields:
             raise ParameterError(f"deviations: there is no parameter '{parameter}'{did_you_mean(part, fields)}")
-        path.append(name)
-        found, unit = getattr(found, name), _unit(fields[name].json_schema_extra)
+        path.append(part)
+        found, unit = getattr(found, part), _unit(fields[part].json_schema_extra)
     if isinstance(found, bool) or not isinstance(found, float):
         raise ParameterError(f"deviations: '{parameter}' is {found!r}; expected the name of a number")
     return _Target(tuple(path), found, unit)

@@ -1,7 +1,7 @@
 """Realisations of one experiment, the bases of broadband estimators, and a response combined from groups of them."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, TypeVar
 
@@ -78,8 +78,6 @@ class BroadbandEstimator(PlantReferredEstimator, ABC):
 
 class ReferencedEstimator(BroadbandEstimator, ABC):
     """An estimator that needs the excitation, which is free of noise and friction."""
-
-    renamed: ClassVar[Mapping[str, str]] = {"reference_channel": "excitation_channel"}
 
     excitation_channel: str = param("", "channel of the excitation", "excitation")
 

@@ -1,8 +1,6 @@
 """Base class of the excitations that excite a whole frequency range at once."""
 
 from abc import ABC
-from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +15,6 @@ EDGE_TOLERANCE = 1e-9
 
 class BroadbandExcitation(SettledExcitation, ABC):
     """Lines over a frequency range in one period; settled, or with the transient from rest."""
-
-    renamed: ClassVar[Mapping[str, str]] = {"lowest": "min_frequency", "highest": "max_frequency"}
 
     min_frequency: float = param("Hz", "lowest frequency", 1.0, above=0)
     max_frequency: float = param("Hz", "highest frequency", 200.0, above=0)

@@ -1,8 +1,6 @@
 """Base class of the excitations that settle until periodic before they are recorded."""
 
 from abc import ABC
-from collections.abc import Mapping
-from typing import ClassVar
 
 from fraexp.api import Excitation, Schedule, param
 
@@ -12,12 +10,6 @@ MAX_SETTLING_TOLERANCE = 0.1
 
 class SettledExcitation(Excitation, ABC):
     """Whole periods, recorded once successive ones agree."""
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "tolerance": "settling_tolerance",
-        "settle_limit": "settling_timeout",
-        "whole_periods": "recorded_periods",
-    }
 
     ramp: float = param("s", "time over which the amplitude rises", 0.1, at_least=0, at_most=1000)
     settling_tolerance: float = param(

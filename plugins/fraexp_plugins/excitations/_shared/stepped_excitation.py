@@ -2,11 +2,9 @@
 
 from abc import ABC
 from collections import Counter
-from collections.abc import Mapping
 from fractions import Fraction
 from functools import cached_property
 from operator import itemgetter
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +26,6 @@ MAX_JOINT_SHIFT = 2 * FREQUENCY_TOLERANCE
 
 class SteppedExcitation(SettledExcitation, ABC):
     """One frequency after another on a logarithmic grid, each in its periodic state."""
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "lowest": "min_frequency",
-        "highest": "max_frequency",
-        "record_time": "min_record_time",
-    }
 
     min_frequency: float = param("Hz", "lowest frequency", 1.0, above=0)
     max_frequency: float = param("Hz", "highest frequency", 200.0, above=0)

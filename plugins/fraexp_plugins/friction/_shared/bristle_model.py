@@ -1,7 +1,6 @@
 """Base class of the models of a bristle's mean deflection."""
 
 from abc import ABC
-from collections.abc import Mapping
 from typing import ClassVar
 
 from fraexp.api import FrictionModel, ParameterError, param
@@ -11,13 +10,6 @@ class BristleModel(FrictionModel, ABC):
     """Bristles of mean deflection z: F = σ0 z + σ1 ż + σ2 v, with Stribeck's curve from Fs at rest down to Fc."""
 
     states: ClassVar[tuple[str, ...]] = ("deflection [m]", "its last change [m]")
-    renamed: ClassVar[Mapping[str, str]] = {
-        "sigma0": "bristle_stiffness",
-        "sigma1": "bristle_damping",
-        "sigma2": "viscous_coefficient",
-        "coulomb": "coulomb_force",
-        "breakaway": "static_force",
-    }
 
     bristle_stiffness: float = param("N/m", "bristle stiffness σ0", above=0)
     bristle_damping: float = param("N s/m", "bristle damping σ1", 0.0, at_least=0)

@@ -1,7 +1,6 @@
 """Virgin curves g(x), and the elasto-slide elements that follow them."""
 
-from collections.abc import Mapping
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +15,6 @@ class VirginCurve(Parameters):
     last knot. ``table``: measured points. Between knots x_i with slopes s_i the elements are K_i = s_i - s_{i+1}
     and Y_i = x_i (W. D. Iwan, J. Applied Mechanics 33(4), 1966, doi:10.1115/1.3625199).
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "coulomb": "coulomb_force",
-        "width": "characteristic_displacement",
-        "narrowest": "min_knot",
-        "widest": "max_knot",
-    }
 
     shape: Literal["exponential", "hyperbolic", "table"] = param(
         "", "shape: exponential, hyperbolic or table", "exponential"

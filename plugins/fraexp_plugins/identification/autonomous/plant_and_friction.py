@@ -1,8 +1,7 @@
 """Plant and friction model from frequency response records, without any known friction parameter."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,17 +82,6 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=4):
     not the Coulomb force, and says so. Do not use it for friction that is nonlinear in the velocity, nor for an axis
     that a spring holds.
     """
-
-    former_names: ClassVar[tuple[str, ...]] = ("autonomous",)
-    renamed: ClassVar[Mapping[str, str]] = {
-        "interpolation": "oversampling",
-        "thresholds": "threshold_count",
-        "floor": "model_error",
-        "tolerance": "scatter_tolerance",
-        "lowest": "min_frequency",
-        "highest": "max_frequency",
-        "plant_floor": "plant_model_error",
-    }
 
     resolution: float = param("m", "quantisation step of the encoder", 0.0, at_least=0, inherit="loop.resolution")
     noise: float = param("m", "standard deviation of the encoder's noise", 0.0, at_least=0, inherit="loop.noise")

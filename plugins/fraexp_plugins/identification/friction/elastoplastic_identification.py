@@ -1,7 +1,6 @@
 """Elastoplastic friction from a record."""
 
 from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +24,6 @@ class ElastoplasticIdentification(LawIdentification, name="elastoplastic_identif
     """
 
     elements: int = param("1", "number of elements to start from; chosen by held-out cycles if 0", 0, at_least=0)
-    renamed: ClassVar[Mapping[str, str]] = {"damped": "fit_damping"}
 
     fit_damping: bool = param("", "whether the bristle's damping σ1 is identified", False)
 

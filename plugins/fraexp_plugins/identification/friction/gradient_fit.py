@@ -1,8 +1,7 @@
 """Rolling friction by a gradient fit through time: stiffness, damping and limit force of all elements at once."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,9 +85,6 @@ class GradientFit(GridIdentification, name="gradient_fit", version=2):
     bands assume the number of elements: for a smooth virgin curve, which has none, they cover about 89 %. Do not use it
     with more elements than are identifiable: their covariance shows it.
     """
-
-    former_names: ClassVar[tuple[str, ...]] = ("back_propagation",)
-    renamed: ClassVar[Mapping[str, str]] = {"damped": "fit_damping", "iterations": "max_iterations"}
 
     start: FrictionModel | None = param(
         "", "rolling model to start from; least squares on a grid if it is not given", None

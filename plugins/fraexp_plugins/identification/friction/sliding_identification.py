@@ -1,6 +1,6 @@
 """Mass, Coulomb, viscous and constant friction of a sliding machine, by linear least squares."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -118,14 +118,6 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=5)
     difference of the Coulomb forces of the two directions is part of the offset. Do not use it for motions of the size
     of the presliding deflection (use `rolling_identification`), nor with a Stribeck effect at the speeds of the record.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "highest": "max_frequency",
-        "slowest": "min_sliding_speed",
-        "presliding": "presliding_distance",
-        "asymmetry": "fit_asymmetry",
-        "hold": "zero_order_hold",
-    }
 
     displacement: str = param("", "channel of the position", "y")
     thrust: str = param("", "channel of the thrust", "u")

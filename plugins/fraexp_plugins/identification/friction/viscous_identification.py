@@ -1,6 +1,5 @@
 """Viscous friction from runs at constant velocity."""
 
-from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
@@ -31,8 +30,6 @@ class ViscousIdentification(Estimator, name="viscous_identification", version=2)
     quadratic term is tried too: if it is significant friction is not linear, as with a Stribeck effect, and the message
     says so. Do not use it with runs whose velocity does not reach the steady state.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {"beginning": "trim_start", "end": "trim_end"}
 
     displacement: str = param("", "channel of the position", "y")
     force: str = param("", "channel of the force: the thrust, or a measured friction force", "u")

@@ -1,6 +1,6 @@
 """The plant model of eq (1) with a dead time, from a frequency response."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import ClassVar, Literal
 
@@ -84,14 +84,6 @@ class ModalFit(Estimator, name="modal_fit", version=5):
     Do not use it if the response is biased by friction, unless to show that bias: the fit follows the response, not
     the plant.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "greatest": "max_modes",
-        "lowest": "min_frequency",
-        "highest": "max_frequency",
-        "viscous": "fit_viscous",
-        "floor": "model_error",
-    }
 
     fits: ClassVar[str] = "plant"
     takes_responses: ClassVar[bool] = True

@@ -1,9 +1,8 @@
 """The base of estimators that identify friction: channels, thresholds, terms, held-out cycles, remarks."""
 
 from abc import ABC
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -168,19 +167,6 @@ class FrictionIdentification(Estimator, ABC):
     offset is fitted too. Besides a bias it contains half the difference of the Coulomb forces of the two directions,
     because an element with unequal limits is one with equal limits and a bias.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {
-        "highest": "max_frequency",
-        "hold": "zero_order_hold",
-        "input_lags": "input_time_constants",
-        "output_lags": "output_time_constants",
-        "offset": "fit_offset",
-        "asymmetry": "fit_asymmetry",
-        "narrowest": "min_threshold",
-        "widest": "max_threshold",
-        "grid": "threshold_count",
-        "holdout": "holdout_fraction",
-    }
 
     displacement: str = param("", "channel of the displacement", "displacement")
     force: str = param("", "channel of the friction force, if it is measured", "friction")

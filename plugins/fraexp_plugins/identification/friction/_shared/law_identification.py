@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,8 +55,6 @@ class LawIdentification(GridIdentification, ABC):
     Levenberg and Marquardt's method in the logarithms of the parameters, with differences of the law's force along the
     whole record, from several Stribeck velocities; mass, viscous friction and offset are fitted too.
     """
-
-    renamed: ClassVar[Mapping[str, str]] = {"iterations": "max_iterations"}
 
     max_iterations: int = param("1", "maximum number of steps", 100, at_least=1, at_most=100_000)
 
