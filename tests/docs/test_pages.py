@@ -27,7 +27,7 @@ LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
 NAMED = re.compile(r"`((?:studies|docs|plugins|benchmarks|tests|fraexp)/[\w./-]*)[` ]")
 WRITTEN_BY_READERS = ("plugins/", "studies/", "studies/amplitudes.toml", "studies/bench.toml", "studies/machines/")
 LONGEST_README = 200
-LONGEST_DECISION = 550
+LONGEST_DECISION = 600
 """Words of a decision: a page."""
 
 
