@@ -90,6 +90,14 @@ def test_doctor_finds_everything_sound(workspace: Path, capsys: pytest.CaptureFi
     assert found["packages"]["numpy"]
     assert found["cores"] >= 1
     assert found["plugins"]["broken"] == []
+    stored = found["database"]
+    assert (stored["sweeps"], stored["size"]) == (5, (workspace / "results.db").stat().st_size)
+    assert stored["journal"].startswith("wal")
+    assert stored["hanging"] == []
+    assert set(found["extras"]) == {"postgresql", "dask"}
+    assert found["self_test"]["sound"]
+    assert found["self_test"]["difference"] < selftest.TOLERANCE
+    assert "steps per sample" in found["self_test"]["kernel"]
 
 
 def test_doctor_names_a_foreign_database(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -144,21 +152,6 @@ def test_doctor_looks_before_the_first_run(tmp_path: Path, capsys: pytest.Captur
     assert main(["doctor", "--workspace", str(tmp_path)]) == ExitCode.OK
     assert "not created yet; the first run creates it" in capsys.readouterr().out
     assert list(tmp_path.iterdir()) == []
-
-
-def test_doctor_tells_of_size_journal_extras_and_tests_the_numbers(
-    workspace: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["doctor", "--workspace", str(workspace), "--json"]) == ExitCode.OK
-    found = json.loads(capsys.readouterr().out)
-    stored = found["database"]
-    assert (stored["sweeps"], stored["size"]) == (5, (workspace / "results.db").stat().st_size)
-    assert stored["journal"].startswith("wal")
-    assert stored["hanging"] == []
-    assert set(found["extras"]) == {"postgresql", "dask"}
-    assert found["self_test"]["sound"]
-    assert found["self_test"]["difference"] < selftest.TOLERANCE
-    assert "steps per sample" in found["self_test"]["kernel"]
 
 
 def test_doctor_finds_wrong_numbers(

@@ -185,9 +185,6 @@ def test_sweeps_are_tagged_and_found_by_their_tag(folder, sweeps, capsys):
     assert "good" in said(capsys, "show", sweeps[0].key)[0]
     said(capsys, "tag", "good", "--remove", sweeps[0].key)
     assert len(said(capsys, "list", "tag:good")[0].splitlines()) == 2
-
-
-def test_all_sweeps_of_a_run_are_tagged(folder, capsys):
     assert "5 sweeps tagged all" in said(capsys, "tag", "all", "1")[1]
 
 

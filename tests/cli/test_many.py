@@ -74,16 +74,13 @@ def test_a_terminal_gets_the_range_of_a_grid_by_group(folder: Path, capsys: pyte
     assert printed.err.startswith("--all shows each sweep\n1 diverged")
 
 
-@pytest.mark.usefixtures("terminal")
-def test_all_shows_each_sweep_on_a_terminal(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    show(arguments("show", folder, "--all"))
-    printed = capsys.readouterr()
-    assert printed.out.count(" ok ") == COUNT - 1
-    assert "--all" not in printed.err
-
-
-def test_elsewhere_every_sweep_is_a_row(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    show(arguments("show", folder))
+@pytest.mark.parametrize("options", [["--all"], []])
+def test_all_and_what_is_no_terminal_show_each_sweep(
+    options: list[str], folder: Path, capsys: pytest.CaptureFixture[str], request: pytest.FixtureRequest
+) -> None:
+    if options:
+        request.getfixturevalue("terminal")
+    show(arguments("show", folder, *options))
     printed = capsys.readouterr()
     assert printed.out.count(" ok ") == COUNT - 1
     assert "--all" not in printed.err

@@ -188,14 +188,6 @@ def test_a_stored_run_is_drawn_without_the_plugin_of_its_plant(
     assert target.is_file()
 
 
-def test_a_driven_friction_model_is_plotted_as_a_loop(
-    printed: PublishedNumber, sweeps: list[Sweep], tmp_path: Path
-) -> None:
-    target = tmp_path / "loop.png"
-    printed("plot", short_key(sweeps[2].key), "-o", str(target))
-    assert target.read_bytes().startswith(b"\x89PNG")
-
-
 def test_a_sweep_without_a_result_is_not_plotted(
     workspace: Path, sweeps: list[Sweep], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -81,7 +81,6 @@ def test_common_options_may_stand_before_or_after_the_command(
         (["export", "bench", "-o", "r.csv"], 2, "export: run 1 has 5 sweeps; expected one of them: "),
         (["list", "--db", "elsewhere.db"], 3, "elsewhere.db"),
         (["plot", "1", "-o", "figure.bmp"], 2, "choose one of .png, .svg, .pdf"),
-        (["export", "1", "-o", "r.csv"], 2, "export: run 1 has 5 sweeps; expected one of them: "),
     ],
 )
 def test_what_is_wrong_is_one_line_and_an_exit_code(
@@ -96,13 +95,6 @@ def test_what_is_wrong_is_one_line_and_an_exit_code(
     assert sentence in printed.err
     assert printed.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == [], "nothing is written"
-
-
-def test_a_process_ends_with_one_line_and_the_exit_code(fraexp: Command, workspace: Path) -> None:
-    done = fraexp("show", "9", "--workspace", str(workspace))
-    assert (done.returncode, done.stdout) == (ExitCode.STORE, "")
-    assert done.stderr.startswith("fraexp: there is no run 9")
-    assert done.stderr.count("\n") == 1
 
 
 def test_debug_shows_the_traceback(workspace: Path, capsys: pytest.CaptureFixture[str]) -> None:
