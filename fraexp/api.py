@@ -18,7 +18,13 @@ from fraexp.components.kinds import (
     Plant,
     RecordReader,
 )
-from fraexp.components.machine_session import Chunk, MachineDescription, MachineSession, PlayRequest
+from fraexp.components.machine_session import (
+    Chunk,
+    MachineDescription,
+    MachineSession,
+    PlayRequest,
+    workspace_path,
+)
 from fraexp.components.parameters import Parameters, param
 from fraexp.components.periods import Period, Schedule
 from fraexp.components.ports import Contact, Ports, StateSpace
@@ -107,4 +113,5 @@ __all__ = [
     "simulate_loop",
     "steady_motion_text",
     "where",
+    "workspace_path",
 ]

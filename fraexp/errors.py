@@ -53,6 +53,10 @@ class PlanError(MachineError):
     """A study asks for what its machine or the limits do not allow: nothing has moved."""
 
 
+class ConsentError(PlanError):
+    """A study would run a program, or move a machine over a network, that its user has not allowed."""
+
+
 class UnreachedError(FraexpError):
     """Those who compute are gone for good, in mid-run: sweeps are left that were not reached."""
 

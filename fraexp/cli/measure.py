@@ -1,7 +1,8 @@
 """``fraexp measure``: play a study's excitation on a machine, and show the response while it is measured."""
 
+import sys
 from argparse import Namespace
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from typing import Any
 
 from fraexp.cli.exits import ExitCode
@@ -9,8 +10,10 @@ from fraexp.cli.follow import follow, print_outcome
 from fraexp.cli.measurement_meter import MeasurementMeter
 from fraexp.cli.output import print_json, say
 from fraexp.cli.plan_output import plan_document, print_plan
+from fraexp.data.terminal_text import printable
 from fraexp.errors import StudyError
 from fraexp.execution.events import Event
+from fraexp.measurement.consent import Consent
 from fraexp.measurement.measured_points import kept_points
 from fraexp.workspace.autonomous_service import AutonomousService
 from fraexp.workspace.measurement_service import MeasurementService
@@ -23,7 +26,9 @@ def execute(arguments: Namespace) -> ExitCode:
     if arguments.autonomous:
         return _measure_autonomously(arguments, workspace)
     meter = MeasurementMeter()
-    service = MeasurementService(workspace, arguments.study, arguments.overrides, meter.show_planning)
+    service = MeasurementService(
+        workspace, arguments.study, arguments.overrides, meter.show_planning, arguments.trust_program
+    )
     if arguments.dry_run:
         with meter.bar:
             plans = service.plans()
@@ -34,14 +39,25 @@ def execute(arguments: Namespace) -> ExitCode:
                 kept = kept_points(service.files(plan.task), plan.task)
                 print_plan(plan, {point.number for point in kept} if not arguments.fresh else ())
         return ExitCode.OK
+    _ask_consents(service.missing_consents)
     return _follow(service.measure(arguments.fresh), meter, arguments, workspace)
+
+
+def _ask_consents(consents: Sequence[Consent]) -> None:
+    """Ask on a terminal for what the study's machine does; without an answer the measurement itself refuses it."""
+    for consent in consents if sys.stdin.isatty() else ():
+        text = printable(f"the study would {consent.action}")
+        print(f"{text}\nallow it, now and later? [y/N] ", end="", file=sys.stderr, flush=True)
+        if sys.stdin.readline().strip().lower() in ("y", "yes"):
+            consent.remember()
 
 
 def _measure_autonomously(arguments: Namespace, workspace: WorkspaceService) -> ExitCode:
     """Measure an axis of which only the limits are known; the exit code says whether the verdict is ok."""
     if arguments.dry_run:
         raise StudyError("--dry-run: an autonomous measurement plans each stage by the one before; leave it out")
-    service = AutonomousService(workspace, arguments.study, arguments.overrides)
+    service = AutonomousService(workspace, arguments.study, arguments.overrides, arguments.trust_program)
+    _ask_consents(service.missing_consents)
     code = _follow(service.measure(arguments.fresh), MeasurementMeter(), arguments, workspace)
     return ExitCode.INCOMPLETE if code is ExitCode.OK and not service.is_good else code
 

@@ -158,6 +158,7 @@ def _measure(parser: Parser) -> None:
         "of the study take sample time, limits and machine alone, and find plant and friction in stages",
     )
     _switch(parser, "--fresh", "measure anew: discard what an earlier measurement of the study recorded")
+    _switch(parser, "--trust-program", "let the study's machine run its program, or reach its controller, unasked")
     _json(parser)
 
 

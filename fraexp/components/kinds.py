@@ -379,6 +379,13 @@ class MachineDriver(Component, ABC):
         """Return what tells the machine from others, so that one process at a time plays on it; empty: nothing does."""
         return ""
 
+    def consent(self, folder: Path) -> str:
+        """Return all that the machine runs, or reaches over a network, as words after "the study would".
+
+        The user has to allow it. It is empty for a machine that does nothing of the kind.
+        """
+        return ""
+
     @property
     def can_disable(self) -> bool | None:
         """Whether its sessions can switch the drive off, by the class that `connect` says it returns; None if it says

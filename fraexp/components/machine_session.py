@@ -3,13 +3,14 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.errors import MachineError
+from fraexp.errors import MachineError, PlanError
 
 
 @dataclass(frozen=True)
@@ -137,3 +138,13 @@ class MachineSession(ABC):
 def offers_disable(session: type[MachineSession]) -> bool:
     """Return whether sessions of a class can switch the drive off."""
     return session.disable is not MachineSession.disable
+
+
+def workspace_path(folder: Path, name: str, parameter: str) -> Path:
+    """Return where a machine writes, by its name in a parameter; PlanError if that is outside of the workspace."""
+    place = (folder / name).resolve()
+    if not place.is_relative_to(folder.resolve()):
+        raise PlanError(
+            f"measurement.machine.{parameter}: {place} is outside of the workspace {folder}; expected a path in it"
+        )
+    return place

@@ -93,9 +93,16 @@ class Measurement:
     """All points of a task."""
 
     def __init__(
-        self, task: MeasurementTask, settings: MeasurementSettings, files: MeasurementFiles, folder: Path
+        self,
+        task: MeasurementTask,
+        settings: MeasurementSettings,
+        files: MeasurementFiles,
+        folder: Path,
+        is_trusted: bool = False,
     ) -> None:
+        """Take what is measured, where it is stored, and whether the machine may run programs without being asked."""
         self._task, self._settings, self._files, self._folder = task, settings, files, folder
+        self._is_trusted = is_trusted
         self._machine: WatchedMachine
 
     def events(
@@ -240,7 +247,8 @@ class Measurement:
 
     def _connect(self) -> WatchedMachine:
         rotary = is_rotary(self._task.experiment)
-        return connect_watched(self._settings, self._folder, rotary, self._task.limits, self._share)
+        limits = self._task.limits
+        return connect_watched(self._settings, self._folder, rotary, limits, self._share, self._is_trusted)
 
 
 def gathered(notes: Sequence[str]) -> list[str]:

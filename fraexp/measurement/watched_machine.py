@@ -16,6 +16,7 @@ from fraexp.data import units
 from fraexp.data.identity import digest_of
 from fraexp.errors import ConnectionLostError, MachineError, ParameterError, PlanError
 from fraexp.kernels.cache_folder import cache_folder
+from fraexp.measurement.consent import require_consent
 from fraexp.measurement.measurement_plan import joint_limits
 from fraexp.measurement.motion_guard import LimitExceededError, MotionGuard, RestWatch, RunawayError
 from fraexp.measurement.process_lock import process_lock
@@ -158,14 +159,22 @@ class WatchedMachine:
 
 
 def connect_watched(
-    settings: MeasurementSettings, folder: Path, rotary: bool, stated: MotionLimits, share: float = 1.0
+    settings: MeasurementSettings,
+    folder: Path,
+    rotary: bool,
+    stated: MotionLimits,
+    share: float = 1.0,
+    is_trusted: bool = False,
 ) -> WatchedMachine:
     """Return the machine of a study, connected, and at rest if it shows its samples while it plays.
 
     MachineError if it cannot be reached, PlanError if its units are not those of such an axis, BusyError if another
-    process of this user measures on it, and RunawayError if it moves by itself.
+    process of this user measures on it, ConsentError if the user has not allowed what it does unless it is trusted, and
+    RunawayError if it moves by itself.
     """
     machine = settings.machine
+    if not is_trusted:
+        require_consent(machine, folder)
     with ExitStack() as stack:
         if address := machine.address(folder):
             file = cache_folder() / "machines" / f"{digest_of([machine.name, address]).hex()}.lock"

@@ -14,6 +14,7 @@ from fraexp.errors import FraexpError, MachineError, StudyError
 from fraexp.execution.events import Event, Finished, Noticed, Planned, Progress
 from fraexp.figures.elements.scales import displacement_unit
 from fraexp.measurement.autonomous_points import LEVEL_RATIOS, PointDesign
+from fraexp.measurement.consent import Consent, missing_consent
 from fraexp.measurement.friction_loop import LOOP_HZ, FrictionLoop, measure_friction_loop
 from fraexp.measurement.measured_points import PLAY_COLUMN, MeasuredPoint, MeasurementFiles
 from fraexp.measurement.measured_study import record_section, record_study
@@ -86,7 +87,11 @@ class AutonomousService:
     study may state are for a simulated machine alone.
     """
 
-    def __init__(self, service: WorkspaceService, study: str, overrides: Sequence[str] = ()) -> None:
+    def __init__(
+        self, service: WorkspaceService, study: str, overrides: Sequence[str] = (), is_trusted: bool = False
+    ) -> None:
+        """Read a study; `is_trusted` allows its machine to run programs and to reach controllers without a question."""
+        self._is_trusted = is_trusted
         found = find_studies(study, service.folder)
         if len(found) != 1:
             raise StudyError(f"{study}: it is a folder of {len(found)} studies; measure one at a time")
@@ -110,6 +115,12 @@ class AutonomousService:
         """The study of the record."""
         self.result: Result | None = None
         """What the last measurement has found."""
+
+    @property
+    def missing_consents(self) -> list[Consent]:
+        """What its user has to allow before it can be measured."""
+        consent = missing_consent(self.settings.machine, self._service.folder)
+        return [] if consent is None or self._is_trusted else [consent]
 
     @property
     def is_good(self) -> bool:
@@ -166,7 +177,9 @@ class AutonomousService:
         """Connect, check what the machine says of itself, and measure the friction loop unless it is known already."""
         title = describe_study(self._name, self._file).title
         share = 1 - self.settings.margin
-        with connect_watched(self.settings, self._service.folder, self.is_rotary, self.limits, share) as machine:
+        with connect_watched(
+            self.settings, self._service.folder, self.is_rotary, self.limits, share, self._is_trusted
+        ) as machine:
             description = machine.description
             if note := drive_note(self.settings.machine.name, machine.can_disable):
                 yield MeasurementNotice(note)
@@ -216,7 +229,7 @@ class AutonomousService:
         if all(point.number in kept for point in points):
             return
         yield begun
-        measurement = Measurement(task, axis.settings, self.files, self._service.folder)
+        measurement = Measurement(task, axis.settings, self.files, self._service.folder, self._is_trusted)
         plan = axis.plan(task, points)
         with closing(measurement.events(self._service.registry, lambda _: None, plan)) as events:
             yield from events

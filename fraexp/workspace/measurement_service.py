@@ -14,6 +14,7 @@ from fraexp.data.rotary_axes import is_rotary, rotary_text
 from fraexp.errors import FraexpError, MachineError, StudyError
 from fraexp.execution.events import Event
 from fraexp.execution.job import apply_estimator, tolerated_error
+from fraexp.measurement.consent import Consent, missing_consent
 from fraexp.measurement.excitation_table import ExcitationTable
 from fraexp.measurement.measured_points import MeasuredPoint, MeasurementFiles
 from fraexp.measurement.measured_study import known_controller, record_section, record_study, relative_file
@@ -45,9 +46,13 @@ class MeasurementService:
         study: str,
         overrides: Sequence[str] = (),
         report: Report = lambda _: None,
+        is_trusted: bool = False,
     ) -> None:
-        """Read a study; `report` is told how far each plan is, from 0 to 1."""
-        self._report = report
+        """Read a study; `report` is told how far each plan is, from 0 to 1.
+
+        `is_trusted` allows its machine to run programs and to reach controllers without a question.
+        """
+        self._report, self._is_trusted = report, is_trusted
         found = service.studies([study], overrides)
         if len(found) != 1:
             raise StudyError(f"{study}: it is a folder of {len(found)} studies; measure one at a time")
@@ -91,6 +96,13 @@ class MeasurementService:
             finally:
                 self._write_study()
 
+    @property
+    def missing_consents(self) -> list[Consent]:
+        """What its user has to allow before it can be measured."""
+        machines = [task.settings.machine for task in self.tasks if task.settings and not self._is_trusted]
+        found = [missing_consent(machine, self._folder) for machine in machines]
+        return list(dict.fromkeys(consent for consent in found if consent is not None))
+
     def check(self) -> None:
         """Raise StudyError if the study names no machine, or if that of the record would replace another one."""
         self._check_target()
@@ -128,7 +140,7 @@ class MeasurementService:
             return max((band for band in bands if band is not None), default=None)
 
         assert task.settings is not None
-        measurement = Measurement(task, task.settings, files, self._folder)
+        measurement = Measurement(task, task.settings, files, self._folder, self._is_trusted)
         with (
             _words_of_its_axis(task),
             closing(measurement.events(self._service.registry, judge, fresh=fresh, report=self._report)) as events,

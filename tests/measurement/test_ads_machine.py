@@ -310,7 +310,7 @@ def test_a_study_is_measured_on_the_plc(plc: ControllerHandler, tmp_path: Path) 
     (tmp_path / "studies").mkdir()
     (tmp_path / "studies" / "axis.toml").write_text(STUDY, encoding="utf-8")
     workspace = WorkspaceService.open(tmp_path)
-    for _ in MeasurementService(workspace, "axis").measure():
+    for _ in MeasurementService(workspace, "axis", is_trusted=True).measure():
         pass
     with workspace.open_store() as store:
         (sweep,) = store.sweeps(store.runs()[0].number)

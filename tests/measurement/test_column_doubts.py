@@ -220,7 +220,7 @@ LOOSE = ("limits.stroke=1e6", "limits.velocity=1e9", "limits.force=1e6", 'grid.e
 def test_measured_records_are_compared_like_imported_ones(
     workspace: WorkspaceService, printed: str, message: str
 ) -> None:
-    service = MeasurementService(workspace, "axis", (program_of(workspace, printed), *LOOSE))
+    service = MeasurementService(workspace, "axis", (program_of(workspace, printed), *LOOSE), is_trusted=True)
     points = [event for event in service.measure_points() if isinstance(event, PointEstimated)]
     assert len(points) == 3
     (study,) = workspace.studies(["axis-measured"])
@@ -244,7 +244,7 @@ def test_measured_records_are_compared_like_imported_ones(
 def test_a_stop_at_a_limit_names_the_column_that_caused_it(
     workspace: WorkspaceService, printed: str, message: str
 ) -> None:
-    service = MeasurementService(workspace, "axis", (program_of(workspace, printed),))
+    service = MeasurementService(workspace, "axis", (program_of(workspace, printed),), is_trusted=True)
     with pytest.raises(LimitError, match=rf"limits\.\w+ is .* the machine was stopped: {message}"):
         list(service.measure_points())
 
@@ -259,13 +259,13 @@ def test_a_friction_compensation_that_keeps_a_play_from_settling_is_named(worksp
     text = file.read_text(encoding="utf-8").replace("y = v = 0.0", "y = v = last = 0.0")
     text = text.replace("    u = w + answer\n", "    u = w + answer + 8.0 * ((y > last) - (y < last))\n    last = y\n")
     file.write_text(text, encoding="utf-8")
-    service = MeasurementService(workspace, "axis", (program, *LOOSE))
+    service = MeasurementService(workspace, "axis", (program, *LOOSE), is_trusted=True)
     with pytest.raises(MachineError, match=r"in time for a record: 'u' has 8 N in the direction .*; switch it off"):
         list(service.measure_points())
 
 
 def test_a_play_that_does_not_settle_names_it_too(workspace: WorkspaceService) -> None:
     drifting = program_of(workspace, "f'{3 * y + 1e-9 * k!r},{u!r}'")
-    service = MeasurementService(workspace, "axis", (drifting, *LOOSE))
+    service = MeasurementService(workspace, "axis", (drifting, *LOOSE), is_trusted=True)
     with pytest.raises(MachineError, match=r"did not settle in time for a record: 'y' is 3 times the position"):
         list(service.measure_points())

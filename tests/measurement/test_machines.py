@@ -48,7 +48,7 @@ def command(*words: str) -> CommandMachine:
 
 def connected(machine: CommandMachine, folder: Path) -> WatchedMachine:
     limits = MotionLimits(stroke=1.0, velocity=1.0, force=100.0)
-    return connect_watched(MeasurementSettings(machine=machine), folder, False, limits)
+    return connect_watched(MeasurementSettings(machine=machine), folder, False, limits, is_trusted=True)
 
 
 def expected_position() -> np.ndarray:
@@ -85,7 +85,7 @@ def test_a_program_is_stopped_between_two_chunks_and_started_again(tmp_path: Pat
 def test_a_study_is_measured_on_a_program(workspace: WorkspaceService) -> None:
     program(workspace.folder, PROGRAM.format(step=0.0005).replace("2.0", "7.6"))
     machine = 'measurement.machine={name="command", program=["python3", "axis.py", "{file}"]}'
-    service = MeasurementService(workspace, "axis", [machine, "excitation.frequencies=[100.0]"])
+    service = MeasurementService(workspace, "axis", [machine, "excitation.frequencies=[100.0]"], is_trusted=True)
     measured = [event.measured.point for event in service.measure_points() if isinstance(event, PointEstimated)]
     assert [point.frequency for point in measured] == ["100 Hz"]
 
@@ -99,7 +99,8 @@ def commanded(units: str, text: str) -> str:
 def measured_in(workspace: WorkspaceService, units: str, text: str, *overrides: str) -> list[Any]:
     """Return the points of a measurement, measured anew."""
     machine = commanded(units, text)
-    service = MeasurementService(workspace, "axis", [machine, "excitation.frequencies=[100.0]", *overrides])
+    settings = [machine, "excitation.frequencies=[100.0]", *overrides]
+    service = MeasurementService(workspace, "axis", settings, is_trusted=True)
     return [each.measured.point for each in service.measure_points(True) if isinstance(each, PointEstimated)]
 
 
@@ -261,7 +262,7 @@ EXITS = {
 def test_the_exit_code_says_whose_fault_it_is(workspace: WorkspaceService, monkeypatch: Any, override: str) -> None:
     monkeypatch.chdir(workspace.folder)
     program(workspace.folder, PROGRAM.format(step=0.0005))
-    assert main(["measure", "axis", "--set", override]) == EXITS[override]
+    assert main(["measure", "axis", "--trust-program", "--set", override]) == EXITS[override]
 
 
 def test_a_machine_that_is_in_use_has_an_exit_code_of_its_own(workspace: WorkspaceService, monkeypatch: Any) -> None:

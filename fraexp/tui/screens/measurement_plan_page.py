@@ -10,6 +10,8 @@ from textual.containers import Horizontal
 from textual.widgets import Button, Static
 
 from fraexp.data.terminal_text import printable
+from fraexp.errors import ConsentError
+from fraexp.measurement.consent import Consent
 from fraexp.tui.dialogs import ConfirmDialog
 from fraexp.tui.page import Page
 from fraexp.tui.screens.measurement_page import LimitGauges, MeasurementPage
@@ -106,7 +108,21 @@ To change amplitudes, frequencies or limits, open the study with Enter in Studie
             text = "a measurement with another machine, excitation or setting is stored; F discards it"
             self.app.notify(text, severity="warning", markup=False)
             return
+        missing = [consent for consent in live.consents if not consent.is_given]
+        if missing:
+            question = f"The study would {missing[0].action}. Allow it, now and later?"
+            self.app.push_screen(ConfirmDialog(question), lambda yes: self._allow(missing[0], fresh) if yes else None)
+            return
         self.app.push_screen(ConfirmDialog(question_text(live, fresh)), lambda yes: self._begin(fresh) if yes else None)
+
+    def _allow(self, consent: Consent, fresh: bool) -> None:
+        """Remember what the user has allowed, and go on."""
+        try:
+            consent.remember()
+        except ConsentError as error:
+            self.app.notify(str(error), severity="error", markup=False)
+            return
+        self.action_measure(fresh)
 
     def _begin(self, fresh: bool) -> None:
         live = self.measurement

@@ -15,6 +15,7 @@ from typing import IO, Any
 import numpy as np
 
 from fraexp.data.results import FrequencyResponse
+from fraexp.measurement.consent import Consent
 from fraexp.workspace.workspace_service import WorkspaceService
 
 LabelledResponse = tuple[str, FrequencyResponse]
@@ -71,6 +72,8 @@ class PlansReport:
     plans: tuple[PlanReport, ...]
     is_autonomous: bool = False
     """Whether stages take the place of points: then nothing is predicted."""
+    consents: tuple[Consent, ...] = ()
+    """What the user has to allow before the machine is connected."""
 
 
 @dataclass(frozen=True)
@@ -202,6 +205,8 @@ class ReportedMeasurement:
         self.rest_since = 0.0
         """When the axis began to rest for an evaluation, on the clock of time.monotonic [s]."""
         self.plans: tuple[PlanReport, ...] = ()
+        self.consents: tuple[Consent, ...] = ()
+        """What the user has to allow before the machine is connected."""
         self.plan: PlanReport | None = None
         """The plan of the experiment that is being measured."""
         self.progress: ProgressReport | None = None
@@ -268,8 +273,8 @@ class ReportedMeasurement:
 
     def _take(self, report: Report) -> None:
         match report:
-            case PlansReport(plans, is_autonomous):
-                self.plans, self.is_autonomous, self.state = plans, is_autonomous, "planned"
+            case PlansReport(plans, is_autonomous, consents):
+                self.plans, self.is_autonomous, self.consents, self.state = plans, is_autonomous, consents, "planned"
             case BeginReport(plan, points, kept):
                 self.plan, self.progress = plan, None
                 self.done, self.total, self.seconds_left = kept, points, plan.seconds

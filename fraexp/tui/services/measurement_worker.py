@@ -203,7 +203,7 @@ def stages_report(service: AutonomousService) -> PlansReport:
         is_other_stored=False,
         drive=drive_note(service.settings.machine.name, service.settings.machine.can_disable),
     )
-    return PlansReport((plan,), is_autonomous=True)
+    return PlansReport((plan,), is_autonomous=True, consents=tuple(service.missing_consents))
 
 
 def stage_report(event: StageBegun) -> StageReport:
@@ -271,7 +271,8 @@ def read_plans(service: MeasurementService) -> PlansReport:
     try:
         plans = service.plans()
         if not faults:
-            return PlansReport(tuple(plan_report(plan, service.files(plan.task)) for plan in plans))
+            reports = tuple(plan_report(plan, service.files(plan.task)) for plan in plans)
+            return PlansReport(reports, consents=tuple(service.missing_consents))
     except FraexpError as error:
         faults.insert(0, str(error))
     raise FraexpError("\n".join(faults))

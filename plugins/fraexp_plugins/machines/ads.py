@@ -67,6 +67,10 @@ class AdsMachine(MachineDriver, name="ads", version=1):
     def address(self, folder: Path) -> str:
         return f"{self.net_id} {self.port} {self.block.lower()}"
 
+    def consent(self, folder: Path) -> str:
+        host = f" at {self.host}" if self.host else ""
+        return f"write to the PLC {self.net_id}{host}, port {self.port}, and move the axis of its block {self.block}"
+
     def connect(self, folder: Path) -> "AdsSession":
         try:
             pyads = import_module("pyads")

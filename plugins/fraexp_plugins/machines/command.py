@@ -2,6 +2,7 @@
 
 import os
 import selectors
+import shlex
 import shutil
 import subprocess
 import tempfile
@@ -58,15 +59,25 @@ class CommandMachine(MachineDriver, name="command", version=1):
     def address(self, folder: Path) -> str:
         return f"{folder.resolve()} {' '.join(self.program)}"
 
+    def consent(self, folder: Path) -> str:
+        words = [self.program_path(folder) or "", *self.program[1:]]
+        return f"run {shlex.join(words)} in {folder.resolve()}" if self.program else ""
+
+    def program_path(self, folder: Path) -> str | None:
+        """Return the file that is run: one of the workspace, else one on the PATH; None if there is none."""
+        local = folder.resolve() / self.program[0]
+        return str(local) if local.is_file() else shutil.which(self.program[0])
+
     def connect(self, folder: Path) -> "CommandSession":
         if len(self.channels) != len(self.units) or not self.program:
             raise MachineError(
                 f"command has {len(self.channels)} channels, {len(self.units)} units and {len(self.program)} words of "
                 "a program; expected a program, and a unit for each channel"
             )
-        name = self.program[0]
-        if not (folder / name).is_file() and shutil.which(name) is None:
-            raise MachineError(f"command: there is no program '{name}'; expected one in {folder} or on the PATH")
+        if self.program_path(folder) is None:
+            raise MachineError(
+                f"command: there is no program '{self.program[0]}'; expected one in {folder} or on the PATH"
+            )
         return CommandSession(self, folder)
 
 
@@ -98,8 +109,7 @@ class CommandSession(MachineSession):
 
     def _start(self, excitation: Path, source: IO[str], errors: IO[bytes]) -> subprocess.Popen[bytes]:
         words = [word.replace(EXCITATION_MARK, str(excitation)) for word in self._machine.program]
-        local = self._folder.resolve() / words[0]
-        words[0] = str(local) if local.is_file() else words[0]
+        words[0] = self._machine.program_path(self._folder) or words[0]
         is_file = any(EXCITATION_MARK in word for word in self._machine.program)
         return subprocess.Popen(
             words,

@@ -15,6 +15,7 @@ from fraexp.api import (
     MachineSession,
     PlayRequest,
     param,
+    workspace_path,
 )
 
 POLL_INTERVAL_S = 0.05
@@ -46,7 +47,7 @@ class FolderMachine(MachineDriver, name="folder", version=1):
             )
         if "u" not in self.channels:
             raise MachineError(f"folder has the channels {', '.join(self.channels)}; expected y and u among them")
-        place = folder / self.folder
+        place = workspace_path(folder, self.folder, "folder")
         if not place.is_dir():
             raise MachineError(f"there is no folder {place}; make it, or correct measurement.machine.folder")
         return FolderSession(self, place)

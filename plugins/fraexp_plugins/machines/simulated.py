@@ -23,6 +23,7 @@ from fraexp.api import (
     MachineSession,
     PlayRequest,
     param,
+    workspace_path,
 )
 from fraexp_plugins.machines._shared.frames import FrameStream, Message
 
@@ -76,7 +77,8 @@ class SimulatedSession(MachineSession):
         loop = machine.plain_loop()
         position, force = ("rad", "N m") if loop.get("rotary") else ("m", "N")
         self._units = {"y": position, "u": force, "excitation": force}
-        order = {**machine.plain(), "loop": loop, "folder": str(folder), "channels": list(self._units)}
+        log = str(workspace_path(folder, machine.log, "log")) if machine.log else ""
+        order = {**machine.plain(), "loop": loop, "folder": str(folder), "channels": list(self._units), "log": log}
         order["sections"] = {key: order.pop(key) for key in ("plant", "friction", "controller", "loop", "numerics")}
         if not order["sections"]["numerics"]:
             del order["sections"]["numerics"]
