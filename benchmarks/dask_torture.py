@@ -287,7 +287,8 @@ def histories(bench: Bench) -> None:
             with Cluster(folder / "cluster" / str(number)) as cluster:
                 history = History(folder, cluster, blows, f"{bench.seed} {number}", tally)
                 history.go()
-                found = audit(history.database, reference, SWEEPS)
+                found = [*audit(history.database, reference, SWEEPS)]
+                found += rows(history.database, "SELECT 'a run seems to go on' FROM run WHERE state = 'running'")
                 tally.findings += [f"{history.name}: {finding}" for finding in found]
     bench.row(f"{count} runs of {SWEEPS} sweeps on Dask", f"{tally.given.total()} disturbances")
     for title, counter in (("disturbed by", tally.given), ("ended", tally.ends)):
