@@ -273,7 +273,7 @@ def _export(parser: Parser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="FILE", type=Path, required=True,
         help="file to write: .csv, .json, .mat, .h5 or .unv; .c, .h (C99) or .st (Structured Text) for a "
-        "controller; .mjcf or .urdf for friction in a simulator",
+        "controller",
     )  # fmt: skip
     _switch(parser, "--single", "code in single precision instead of double")
     _switch(parser, "--force", "overwrite an existing file")

@@ -14,7 +14,6 @@ from pydantic.fields import FieldInfo
 from fraexp.components.law_check import check_law
 from fraexp.components.law_step import argument_names, explained_calls
 from fraexp.components.machine_session import MachineSession, offers_disable
-from fraexp.components.method_overrides import check_overrides
 from fraexp.components.parameters import Parameters
 from fraexp.components.periods import Period, Schedule
 from fraexp.components.ports import Ports, StateSpace
@@ -399,3 +398,19 @@ class MachineDriver(Component, ABC):
 KINDS: tuple[type[Component], ...] = (
     FrictionModel, Plant, Controller, Excitation, Estimator, RecordReader, MachineDriver,
 )  # fmt: skip
+
+
+def check_overrides(cls: type, kind: type) -> None:
+    """Raise PluginError for a method that cannot be called as that of its kind, or that must be a property."""
+    name_of_class = getattr(cls, "name", cls.__name__)
+    for name, expected in vars(kind).items():
+        found = inspect.getattr_static(cls, name)
+        if isinstance(expected, property) and inspect.isfunction(found):
+            raise PluginError(f"{name_of_class}.{name} is a method; expected a property: put @property above it")
+        if inspect.isfunction(expected) and inspect.isfunction(found):
+            wanted = [key for key, one in inspect.signature(expected).parameters.items() if one.default is one.empty]
+            try:
+                inspect.signature(found).bind(*wanted)
+            except TypeError:
+                has = ", ".join(inspect.signature(found).parameters)
+                raise PluginError(f"{name_of_class}.{name} takes ({has}); expected ({', '.join(wanted)})") from None

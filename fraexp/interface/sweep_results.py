@@ -182,7 +182,7 @@ class SweepResult:
     def export(self, path: str | Path, force: bool = False) -> Path:
         """Write the result as .csv, .json, .mat, .h5 or .unv and return the path; `force` replaces a file.
 
-        To .c, .h or .st the controller of the sweep is written as code, to .mjcf or .urdf its friction.
+        To .c, .h or .st the controller of the sweep is written as code.
         """
         target = require_path(path, "path")
         if is_there(target) and not force:

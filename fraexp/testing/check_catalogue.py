@@ -19,7 +19,6 @@ from fraexp.testing import (
     friction_motion_checks,
     loop_part_checks,
     machine_checks,
-    observer_checks,
     result_checks,
 )
 from fraexp.testing.conformance_check import Check, class_check, example_check
@@ -60,7 +59,7 @@ FRICTION = (
     example_check(friction_motion_checks.endurance, strategy, 4, is_compiled=True),
     # each example starts a process: a smaller one is not worth the time
     example_check(friction_motion_checks.elsewhere, fixed_path_strategy, 1, is_compiled=True, shrinks=False),
-    example_check(observer_checks.observer, observer_checks.exposure_strategy, 4, is_compiled=True),
+    example_check(result_checks.observer, result_checks.exposure_strategy, 4, is_compiled=True),
 )
 PARTS: dict[type[Component], tuple[Callable[[Any], None], ...]] = {
     Plant: (loop_part_checks.shapes, loop_part_checks.realisation, loop_part_checks.relative_degree),

@@ -3,26 +3,143 @@
 It is a process of its own because a compiled law that never returns, or that writes where it must not, ends with it.
 """
 
+import faulthandler
 import inspect
 import json
 import os
 import signal
 import sys
-from collections.abc import Mapping
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from traceback import walk_tb
 from types import FrameType
-from typing import Any
+from typing import Any, NamedTuple, TextIO
 
 from fraexp.components.kinds import Component, FrictionModel
-from fraexp.errors import FraexpError
+from fraexp.components.local_file import failed_classes, load_file
+from fraexp.components.registry import Registry, components_in, discover, reason_of
+from fraexp.errors import FraexpError, PluginError
 from fraexp.kernels.call_watch import hang_listener, running_call_text
 from fraexp.testing.check_catalogue import checks_for, quick_checks_for
 from fraexp.testing.check_report import Finding, Verdict, findings, quick_findings
-from fraexp.testing.component_lookup import named_components
 from fraexp.testing.conformance_check import Check
-from fraexp.testing.sentinel import Sentinel, innermost_line
 from fraexp.testing.walk import Drive, describe_component
+
+POLL_INTERVAL_S = 0.5
+"""Time between two looks at the main thread."""
+STILL_LIMIT_S = 10.0
+"""Processor time that the main thread may spend at one place in C or compiled code."""
+COMPILE_LIMIT_S = 22.0
+"""Processor time that the compiler may take for one call."""
+WAIT_LIMIT_S = 20.0
+"""Time that the main thread may wait at one place, as in a sleep."""
+MAX_WAITING_LOAD = 0.02
+"""Share of a processor below which it counts as waiting: on a busy machine work is slow, but gets more than that."""
+FROZEN_LIMIT_S = 20.0
+"""Time without any look, where C code lets no other thread run: the interpreter itself then ends the process."""
+COMPILER = f"{os.sep}numba{os.sep}"
+WAITING_FILES = ("subprocess.py", "selectors.py", "threading.py")
+"""Files whose functions wait for another process, or for a thread."""
+
+
+class _Clocks(NamedTuple):
+    """Readings of both clocks [s]."""
+
+    processor: float
+    wall: float
+
+
+class Sentinel:
+    """Watches the main thread, which creates it, until the process ends."""
+
+    def __init__(self, report: Callable[[FrameType, bool, float], None], dump: TextIO) -> None:
+        self._report, self._dump = report, dump
+        self._main, self._parent = threading.get_ident(), os.getppid()
+        self._seen: tuple[FrameType, int] | None = None
+        self._since = _Clocks(0.0, 0.0)
+
+    def start(self) -> None:
+        """Watch from now on, also if no other thread gets to run before the first look."""
+        self._arm_interpreter_watchdog()
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def _watch(self) -> None:
+        over = threading.Event()
+        while not over.wait(POLL_INTERVAL_S):
+            self._arm_interpreter_watchdog()
+            if os.getppid() != self._parent:  # the command has ended, and nobody reads the report
+                os._exit(1)
+            self._look(sys._current_frames()[self._main])
+
+    def _arm_interpreter_watchdog(self) -> None:
+        faulthandler.dump_traceback_later(FROZEN_LIMIT_S, exit=True, file=self._dump)
+
+    def _look(self, frame: FrameType) -> None:
+        compiler = outermost_frame(frame, COMPILER)
+        # Compiling takes its time at many places: what counts is that the same call into the compiler goes on.
+        at = (compiler, 0) if compiler else (frame, frame.f_lasti)
+        now = _Clocks(time.process_time(), time.monotonic())
+        if frame.f_code.co_filename.endswith(WAITING_FILES) or at != self._seen:
+            self._seen, self._since = at, now
+            return
+        spent, passed = now.processor - self._since.processor, now.wall - self._since.wall
+        is_waiting = passed > WAIT_LIMIT_S and spent < MAX_WAITING_LOAD * passed
+        if is_waiting or spent > (COMPILE_LIMIT_S if compiler else STILL_LIMIT_S):
+            self._report(frame, compiler is not None, passed)
+            os._exit(1)
+
+
+def outermost_frame(frame: FrameType | None, part: str) -> FrameType | None:
+    """Return the outermost of a frame and its callers in a file whose path has this part, or None."""
+    found = None
+    while frame is not None:
+        found = frame if part in frame.f_code.co_filename else found
+        frame = frame.f_back
+    return found
+
+
+def innermost_line(frame: FrameType | None, file: str) -> int | None:
+    """Return the innermost line of a file that is being run, or None."""
+    while frame is not None:
+        if frame.f_code.co_filename == file:
+            return frame.f_lineno
+        frame = frame.f_back
+    return None
+
+
+def named_components(name: str, kind: str | None, workspace: Path) -> Iterator[type[Component]]:
+    """Yield the component of a name, or all that a plugin's file defines; PluginError if there is none."""
+    if name.endswith(".py"):
+        return _components_in_file(Path(name), kind)
+    return _components_by_name(name, kind, discover(workspace / "plugins"))
+
+
+def _components_in_file(file: Path, kind: str | None) -> Iterator[type[Component]]:
+    if not file.is_file():
+        raise PluginError(f"{file}: there is no such file")
+    try:
+        module = load_file(file)
+    except (Exception, SystemExit) as error:  # a stranger's file may raise anything
+        raise PluginError(f"{file} cannot be loaded: {reason_of(error, file)}") from error
+    chosen = [component for component in components_in(module) if kind in (None, component.kind)]
+    if not chosen:
+        what = f"{kind} component" if kind else "component"
+        raise PluginError(f"{file}: defines no {what}; expected a class such as class Mine(FrictionModel, name=...)")
+    yield from chosen
+    for failure in failed_classes(module):
+        raise PluginError(f"{file}: a class cannot be defined: {reason_of(failure, file)}")
+
+
+def _components_by_name(name: str, kind: str | None, registry: Registry) -> Iterator[type[Component]]:
+    kinds = sorted({of for of, known in registry.providers if known == name and kind in (None, of)})
+    if len(kinds) > 1:
+        raise PluginError(f"'{name}' is the name of a {' and of a '.join(kinds)}; choose one with --kind")
+    if not kinds:
+        names = {known for of, known in registry.providers if kind in (None, of)}
+        raise PluginError(f"no {kind or 'component'} is called '{name}'{registry.missing_name_remedy(name, names)}")
+    yield registry.provider(kinds[0], name).component
 
 
 class CheckProcess:

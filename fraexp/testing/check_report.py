@@ -7,18 +7,56 @@ from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from fraexp.components.kinds import Component
+from fraexp.components.kinds import Component, FrictionModel
 from fraexp.components.registry import reason_of
 from fraexp.errors import FraexpError, PluginError, did_you_mean
-from fraexp.kernels.watchdog import LAW_TIME_LIMIT_S, OverdueError, time_limit
+from fraexp.kernels.watchdog import LAW_TIME_LIMIT_S, OverdueError, error_location, time_limit
 from fraexp.testing.check_catalogue import checks_for, quick_checks_for
 from fraexp.testing.conformance_check import Check, NotApplicableError, ViolationError
 from fraexp.testing.interpreted_model import interpreted_class
-from fraexp.testing.law_failures import compile_error_reason, overdue_reason
-from fraexp.testing.walk import describe_component
+from fraexp.testing.walk import Walk, describe_component
+
+
+def overdue_reason(error: OverdueError, example: object) -> str:
+    """Return in one line why an example was given up: what did not return, and where."""
+    owner = getattr(example, "model", example)
+    if not isinstance(owner, FrictionModel):
+        cls: Any = owner if inspect.isclass(owner) else type(owner)
+        place = error_location(error, inspect.getfile(cls), inspect.getsourcelines(cls)[1])
+        found = f"{cls.name} ({place}) has not returned after {LAW_TIME_LIMIT_S:g} s"
+        return f"{found}; check the conditions that end its loops"
+    code = owner.law.__code__
+    place = error_location(error, code.co_filename, code.co_firstlineno)
+    found = f"the law of {owner.name} ({place}) has not returned after {LAW_TIME_LIMIT_S:g} s{_step_text(error)}"
+    return f"{found}; expected a force within milliseconds; check the conditions that end its loops"
+
+
+def _step_text(error: OverdueError) -> str:
+    """Return the step that the law was tried with; empty if it was none."""
+    trace = error.__traceback__
+    while trace is not None:
+        if trace.tb_frame.f_code is Walk.try_step.__code__:
+            seen = trace.tb_frame.f_locals
+            return f" on dy = {seen['dy']:g} m in {seen['self'].time_step:g} s"
+        trace = trace.tb_next
+    return ""
+
+
+def compile_error_reason(error: Exception, example: object) -> str:
+    """Return in one line why a law cannot be compiled; the compiler may have named the place where it was called."""
+    text = " ".join(str(error).split())
+    owner = getattr(example, "model", example)
+    if not isinstance(owner, FrictionModel):
+        return text
+    code = owner.law.__code__
+    place = f"{Path(code.co_filename).name}, line {code.co_firstlineno}"
+    named = text if "cannot be compiled" in text else f"it cannot be compiled: {text}"
+    return f"the law of {owner.name} ({place}): {named}"
+
 
 ExampleListener = Callable[[Check, object], None]
 """Called with check and example before the example is tried."""

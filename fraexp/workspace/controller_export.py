@@ -1,4 +1,4 @@
-"""The controller of a stored sweep as a file: C99, Structured Text, or friction attributes of a simulator."""
+"""The controller of a stored sweep as a file: C99 or Structured Text."""
 
 import re
 from collections.abc import Mapping
@@ -9,8 +9,8 @@ from typing import Any
 
 from fraexp.components.kinds import Controller, Excitation, FrictionModel
 from fraexp.components.registry import Registry, create
-from fraexp.components.translation.c_file import c_text
-from fraexp.components.translation.st_file import st_text
+from fraexp.components.translation.c_code import c_text
+from fraexp.components.translation.structured_text import st_text
 from fraexp.data.results import Outcome, Result
 from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.sweep import components_by_port
@@ -20,16 +20,13 @@ from fraexp.simulation.controller_blocks import ControllerParts
 from fraexp.simulation.discretisation import SignalPath
 from fraexp.simulation.experiments import Compensation
 from fraexp.simulation.motion_limits import MotionLimits
-from fraexp.simulation.simulator_attributes import mjcf_text, urdf_text
 from fraexp.store import StoredSweep
 from fraexp.study.study_file import outline
 from fraexp.workspace.workspace_folder import WorkspaceFolder
 
 CODE_WRITERS = {".c": c_text, ".h": c_text, ".st": st_text}
 """What writes code, by suffix."""
-ATTRIBUTE_WRITERS = {".mjcf": mjcf_text, ".urdf": urdf_text}
-"""What writes friction as attributes of a simulator, by suffix."""
-CONTROLLER_SUFFIXES = (*CODE_WRITERS, *ATTRIBUTE_WRITERS)
+CONTROLLER_SUFFIXES = tuple(CODE_WRITERS)
 STATES_NOTE = "All states are 0 before the first call. Call each block once per sample, with the inputs of that sample."
 TUNED_SAMPLE_TIME, TUNED_DEAD_TIME = "loop sample time", "loop dead time"
 """Metrics of tuned gains that say for which sample time and dead time of both directions they are."""
@@ -56,17 +53,13 @@ def export_controller(
     parts = replace(controller_parts(sweep, result, service.registry), force_limit=stated_force_limit(service, sweep))
     name = re.sub(r"\W+", "_", path.stem, flags=re.ASCII).strip("_").lower() or "axis"
     name = name if name[0].isalpha() else f"axis_{name}"
-    notes = _notes(sweep, result)
-    if (suffix := path.suffix.lower()) in CODE_WRITERS and (blocks := parts.blocks()):
-        text = CODE_WRITERS[suffix](blocks, name, [*notes, STATES_NOTE], is_single)
-    elif suffix in ATTRIBUTE_WRITERS and parts.friction is not None:
-        text = ATTRIBUTE_WRITERS[suffix](parts.friction, name, notes, is_rotary(sweep.experiment))
-    else:
-        missing = "no friction model" + (" and no feedback" if suffix in CODE_WRITERS else "")
+    blocks = parts.blocks()
+    if not blocks:
         raise FraexpError(
-            f"{path.name}: sweep {sweep.key[4:12]} has {missing}; expected a simulated machine, or a result that "
-            "identified friction"
+            f"{path.name}: sweep {sweep.key[4:12]} has no friction model and no feedback; expected a "
+            "simulated machine, or a result that identified friction"
         )
+    text = CODE_WRITERS[path.suffix.lower()](blocks, name, [*_notes(sweep, result), STATES_NOTE], is_single)
     write_file(path, lambda draft: draft.write_text(text, encoding="utf-8"), force=force)
 
 

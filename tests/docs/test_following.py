@@ -186,4 +186,3 @@ def test_the_page_on_the_controller(follow: Follow, tmp_path: Path) -> None:
     assert (tmp_path / "axis_gains.png").stat().st_size > 1000
     assert "FB_axis_feedback" in (tmp_path / "axis.st").read_text("utf-8")
     assert "axis_feedback_step" in (tmp_path / "axis.c").read_text("utf-8")
-    assert "frictionloss" in (tmp_path / "axis.mjcf").read_text("utf-8")

@@ -12,9 +12,8 @@ from scipy.signal import lfilter
 from fraexp.components.kinds import Controller
 from fraexp.components.registry import Registry, create
 from fraexp.components.translation.blocks import Block
-from fraexp.components.translation.st_file import st_text
-from fraexp.simulation.controller_blocks import ControllerParts
-from fraexp.simulation.delta_form import delta_centres, delta_form
+from fraexp.components.translation.structured_text import st_text
+from fraexp.simulation.controller_blocks import ControllerParts, delta_centres, delta_form
 from fraexp.simulation.discretisation import SignalPath
 from tests.components.translation.compiled import CompiledBlocks, needs_gcc
 from tests.components.translation.structured_text import Machine

@@ -12,9 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fraexp.components.first_trial import first_trial
+from fraexp.components.first_trial import check_passivity, first_trial
 from fraexp.components.kinds import FrictionModel, Motion
-from fraexp.components.passivity import check_passivity
 from fraexp.components.registry import create, discover
 from fraexp.errors import PluginError
 from fraexp.kernels.call_watch import MAX_SLOW_CALLS, CallBudget

@@ -6,7 +6,7 @@ import pytest
 
 from fraexp.api import FrictionModel
 from fraexp.testing.conformance_check import ViolationError
-from fraexp.testing.velocity_checks import continuous_at_rest, function_of_velocity
+from fraexp.testing.friction_motion_checks import continuous_at_rest, function_of_velocity
 
 
 class OfVelocity(FrictionModel, name="of_velocity_in_a_test", version=1):

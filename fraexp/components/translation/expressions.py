@@ -1,7 +1,9 @@
 """Expressions of the subset of Python in which friction laws are written, translated to a syntax tree."""
 
 import ast
+import builtins
 import inspect
+import math
 import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -9,7 +11,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fraexp.components.translation.known_functions import KNOWN_FUNCTIONS
 from fraexp.components.translation.syntax_tree import (
     Assignment,
     Branch,
@@ -23,6 +24,28 @@ from fraexp.components.translation.syntax_tree import (
     Type,
     Variable,
 )
+from fraexp.kernels.choice import where
+
+REAL_FUNCTIONS = ("exp", "expm1", "log", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "tanh", "copysign", "pow")
+"""Functions of `math` that take and return real numbers."""
+NUMPY_FUNCTIONS = {
+    "exp": "exp", "expm1": "expm1", "log": "log", "sqrt": "sqrt", "sin": "sin", "cos": "cos", "tan": "tan",
+    "arcsin": "asin", "arccos": "acos", "arctan": "atan", "tanh": "tanh", "copysign": "copysign", "power": "pow",
+    "minimum": "min", "maximum": "max", "abs": "abs", "where": "choose",
+}  # fmt: skip
+"""Functions of numpy, of single numbers, and their names in the syntax tree."""
+KNOWN_FUNCTIONS: dict[Callable[..., Any], str] = {
+    builtins.min: "min",
+    builtins.max: "max",
+    builtins.abs: "abs",
+    math.fabs: "abs",
+    builtins.float: "real",
+    builtins.int: "truncate",
+    builtins.len: "length",
+    where: "choose",
+    **{getattr(math, name): name for name in REAL_FUNCTIONS},
+    **{getattr(np, name): known for name, known in NUMPY_FUNCTIONS.items()},
+}
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,15 @@ from numpy.typing import NDArray
 
 from fraexp.api import Excitation, Feedforward, FrictionModel, ParameterError, Period, Plant, Schedule, param
 from fraexp_plugins.positioning._shared.design_model import DesignModel
-from fraexp_plugins.positioning._shared.motion_plan import POINTS_PER_SAMPLE, MotionPlan, MotionTask, plan_motion
-from fraexp_plugins.positioning._shared.motion_profiles import DeadbeatTask, JerkLimitedTask, rigid_body_gain
+from fraexp_plugins.positioning._shared.motion_profiles import (
+    POINTS_PER_SAMPLE,
+    DeadbeatTask,
+    JerkLimitedTask,
+    MotionPlan,
+    MotionTask,
+    plan_motion,
+    rigid_body_gain,
+)
 
 DIFFERENCE_ORDERS = {"energy": 0, "jerk": 1, "snap": 2}
 """Order of the differences of the thrust that each cost makes small; of a rigid body, thrust is acceleration."""

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +27,71 @@ from fraexp.api import (
 from fraexp_plugins.controllers.notched_pid import NotchedPid
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.positioning._shared.design_model import DesignModel
-from fraexp_plugins.tuning._shared.friction_gain import FrictionGain, known_friction
-from fraexp_plugins.tuning._shared.gain_search import GainSearch, RequiredMargins
-from fraexp_plugins.tuning._shared.limit_cycles import LimitCycle, limit_cycles
+from fraexp_plugins.tuning._shared.friction_gain import FrictionGain, LimitCycle, known_friction, limit_cycles
+from fraexp_plugins.tuning._shared.gain_search import (
+    GainSearch,
+    RequiredMargins,
+    closed_loop_radius,
+    damped_plant,
+    rigid_gain,
+)
 from fraexp_plugins.tuning._shared.loop_margins import LoopFamily, Margins
-from fraexp_plugins.tuning._shared.loop_path import LoopPath, innermost_method
 from fraexp_plugins.tuning._shared.plant_band import plant_band, plant_of
-from fraexp_plugins.tuning._shared.sampled_loop import closed_loop_radius, damped_plant, rigid_gain
+
+IDENTIFIED_DEAD_TIME = "input_dead_time"
+"""Metric by which a method says the dead time that it has identified: all of it."""
+DELAYS = ("input_dead_time", "input_time_constants", "output_dead_time", "output_time_constants")
+
+
+class LoopPath(NamedTuple):
+    """What lies between the controller and the plant, and back."""
+
+    sample_time: float
+    """Sample time of the controller [s]."""
+    dead_time: float
+    """Dead time of both directions [s]."""
+    input_time_constants: tuple[float, ...]
+    """Of the lags before the plant [s]."""
+    output_time_constants: tuple[float, ...]
+    """Of the lags behind it [s]."""
+
+    @classmethod
+    def of_loop(cls, stated: Estimator, signals: Signals, found: Result, fit: Fit) -> "LoopPath":
+        """Return the path that a tuning estimator states, and what it leaves open as its method knows or found it.
+
+        Of the dead time that is stated and the one that is known the greater counts. Raises RecordError if no sample
+        time is stated for a response that has none.
+        """
+        given = {name: getattr(stated, name) for name in ("sample_time", *DELAYS)}
+        if given["sample_time"] is None:
+            if signals.are_stated:
+                raise RecordError(
+                    f"{stated.name}: the response has no sample time; expected {stated.name}.sample_time, that of the "
+                    "controller: --set sample_time=0.001"
+                )
+            given["sample_time"] = signals.segments[0].sample_time
+        method = innermost_method(stated)
+        known = {name: getattr(method, name, None) for name in DELAYS}
+        late = dict(zip(fit.parameters, fit.values.tolist(), strict=True)).get("dead_time", 0.0)
+        identified = {metric.name: metric.value for metric in found.metrics}.get(IDENTIFIED_DEAD_TIME)
+        before = known["input_dead_time"] or 0.0 if identified is None else identified
+        lags = [given[name] if given[name] is not None else known[name] or () for name in DELAYS[1::2]]
+        return cls(
+            given["sample_time"],
+            max(
+                (given["input_dead_time"] or 0.0) + (given["output_dead_time"] or 0.0),
+                before + (known["output_dead_time"] or 0.0) + max(late, 0.0),
+            ),
+            *lags,
+        )
+
+
+def innermost_method(estimator: Estimator) -> Estimator:
+    """Return the estimator of the response that others fit."""
+    while isinstance(method := getattr(estimator, "method", None), Estimator):
+        estimator = method
+    return estimator
+
 
 FREQUENCIES = 500
 """Frequencies at which loops are examined; more are added around the modes."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.translation.blocks import Block, BlockInput, friction_force
-from fraexp.components.translation.c_file import c_text
+from fraexp.components.translation.c_code import c_text
 
 STRICT = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Wno-sign-conversion", "-Werror", "-pedantic"]
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")

@@ -5,7 +5,7 @@ from fraexp_plugins.machines.ads import BLOCK_SOURCE
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.registry import Registry, create
-from fraexp.components.translation.st_file import st_text
+from fraexp.components.translation.structured_text import st_text
 from tests.components.translation.compiled import friction_block
 from tests.components.translation.grammar import grammar_error
 from tests.components.translation.test_laws import LAWS

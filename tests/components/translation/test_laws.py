@@ -10,8 +10,8 @@ from fraexp.components.kinds import FrictionModel
 from fraexp.components.local_file import load_file
 from fraexp.components.registry import Registry, create
 from fraexp.components.translation.blocks import Block
-from fraexp.components.translation.c_file import c_text
-from fraexp.components.translation.st_file import st_text
+from fraexp.components.translation.c_code import c_text
+from fraexp.components.translation.structured_text import st_text
 from tests.components.translation.compiled import CompiledBlocks, compile_c, friction_block, needs_gcc
 from tests.components.translation.structured_text import Machine
 

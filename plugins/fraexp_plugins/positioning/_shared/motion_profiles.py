@@ -1,16 +1,177 @@
 """Profiles: how the design model is moved from one target to the next."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import ParameterError, Plant
-from fraexp_plugins.positioning._shared.deadbeat_program import DeadbeatProgram
-from fraexp_plugins.positioning._shared.design_model import Trajectory
-from fraexp_plugins.positioning._shared.motion_plan import FORCE_RESERVE, POINTS_PER_SAMPLE, MotionTask
+from fraexp.api import FrictionModel, ParameterError, Plant
+from fraexp_plugins.positioning._shared.deadbeat_program import MAX_BOUNDED_SAMPLES, DeadbeatProgram
+from fraexp_plugins.positioning._shared.design_model import DesignModel, Trajectory
+
+POINTS_PER_SAMPLE = 10
+"""Points at which the friction model is driven."""
+MAX_ITERATIONS = 10
+"""Iterations in which friction and the thrust that leaves room for it are computed."""
+FORCE_RESERVE = 1e-3
+"""Fraction of the force limit that is kept in reserve: friction differs a little between iterations."""
+MAX_MOVE_SAMPLES = 100_000
+"""Samples of a move."""
+MAX_ACCELERATION_M_S2 = 1000.0
+"""Acceleration up to which a move without a force limit is plausible: about 100 g, which the fastest axes on guides
+reach, those of wire bonders. No real axis follows far beyond it, so that a linear model would be meaningless."""
+
+
+@dataclass(frozen=True)
+class MotionPlan:
+    """A motion planned in advance, sample by sample."""
+
+    thrust: NDArray[np.float64]
+    """Thrust that moves the design model [N], shape (n,)."""
+    friction: NDArray[np.float64]
+    """Additional thrust that compensates friction [N], shape (n,)."""
+    reference: NDArray[np.float64]
+    """Position that is measured if the model is right [m], shape (n,)."""
+    max_acceleration: float
+    """Maximum acceleration of the design model [m/s²]."""
+    displacement: NDArray[np.float64]
+    """Displacement of the design model at the points of all samples and at the end [m]."""
+
+
+@dataclass(frozen=True)
+class MotionTask(ABC):
+    """A motion to be planned; a subclass, the profile, says how the design model moves."""
+
+    model: DesignModel
+    friction: FrictionModel | None
+    distances: Sequence[float]
+    """From one target to the next [m]."""
+    move_samples: int
+    """Samples of each move."""
+    rest_samples: int
+    """Samples after each move."""
+    force_limit: float | None
+    """Maximum thrust, friction included [N]; None for no limit."""
+
+    @property
+    @abstractmethod
+    def min_samples(self) -> int:
+        """Minimum number of samples of a move, whatever the thrust."""
+
+    @abstractmethod
+    def thrust(self, friction: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """Return the thrust that moves the model [N], shape (n,), with room for friction [N], shape (n,).
+
+        None if it cannot keep the limit.
+        """
+
+    @abstractmethod
+    def trajectory(self, thrust: NDArray[np.float64]) -> Trajectory:
+        """Return where the thrust [N] takes the model, with `POINTS_PER_SAMPLE`."""
+
+    def plan(self) -> MotionPlan | None:
+        """Return the plan, or None if the limit cannot be kept in so many samples."""
+        friction = np.zeros(len(self.distances) * (self.move_samples + self.rest_samples))
+        for _ in range(MAX_ITERATIONS):
+            thrust = self.thrust(friction)
+            if thrust is None:
+                return None
+            trajectory = self.trajectory(thrust)
+            friction = self._friction_force(trajectory.displacement)
+            if self.force_limit is None or np.abs(thrust + friction).max() <= self.force_limit:
+                acceleration = self._max_acceleration(trajectory.displacement)
+                return MotionPlan(thrust, friction, trajectory.measured, acceleration, trajectory.displacement)
+        return None
+
+    def _max_acceleration(self, displacement: NDArray[np.float64]) -> float:
+        """Return the maximum acceleration of a displacement [m/s²]."""
+        return float(np.abs(np.diff(displacement, 2)).max()) / (self.model.sample_time / POINTS_PER_SAMPLE) ** 2
+
+    def _friction_force(self, displacement: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the model's friction force in each sample [N], averaged: the thrust is held meanwhile."""
+        samples = (displacement.size - 1) // POINTS_PER_SAMPLE
+        if self.friction is None:
+            return np.zeros(samples)
+        sample_time = self.model.sample_time
+        force = self.friction.force(displacement, sample_time / POINTS_PER_SAMPLE)
+        between = (force[1:] + force[:-1]) / 2
+        velocity = np.diff(displacement[::POINTS_PER_SAMPLE]) / sample_time
+        return between.reshape(samples, POINTS_PER_SAMPLE).mean(axis=1) + self.friction.viscous * velocity
+
+
+def plan_motion(task: MotionTask) -> MotionPlan:
+    """Return the plan of a motion; ParameterError states the minimum number of samples if it is not feasible."""
+    if task.move_samples < task.min_samples:
+        reason = f"{task.model.driven_states} states do not come to rest in fewer than {task.min_samples}"
+        raise ParameterError(_too_short_text(task, reason, task.min_samples))
+    if task.move_samples > MAX_MOVE_SAMPLES:
+        raise ParameterError(
+            f"a move of {task.move_samples:,} samples is too long to be planned; expected {MAX_MOVE_SAMPLES:,} or "
+            "fewer: shorten 'duration', or make several moves"
+        )
+    plan = task.plan()
+    if plan is not None:
+        _check_plausible(task, plan)
+        return plan
+    holding = _holding_force(task)
+    if task.force_limit is not None and holding > task.force_limit * (1 - FORCE_RESERVE):
+        raise ParameterError(
+            f"force_limit {task.force_limit:g} N is not above the {holding:.4g} N that rest at the targets needs; "
+            "raise it"
+        )
+    needed = _min_feasible_samples(task)
+    if needed is None:
+        raise ParameterError(
+            f"force_limit {task.force_limit:g} N is too low for a move of "
+            f"{max(MAX_BOUNDED_SAMPLES, task.move_samples):,} samples; raise it"
+        )
+    raise ParameterError(_too_short_text(task, f"the thrust would exceed force_limit {task.force_limit:g} N", needed))
+
+
+def _check_plausible(task: MotionTask, plan: MotionPlan) -> None:
+    """Raise ParameterError for a thrust that no machine has, unless the user gives a force limit."""
+    if task.force_limit is None and plan.max_acceleration > MAX_ACCELERATION_M_S2:
+        peak = float(np.abs(plan.thrust + plan.friction).max())
+        duration = task.move_samples * task.model.sample_time
+        raise ParameterError(
+            f"a move of {task.move_samples} samples ({duration:g} s) needs {peak:.3g} N and "
+            f"{plan.max_acceleration:.3g} m/s²; beyond {MAX_ACCELERATION_M_S2:g} m/s² the linear model of "
+            "an axis is not plausible: lengthen 'duration', or give force_limit, the maximum thrust of the machine"
+        )
+
+
+def _holding_force(task: MotionTask) -> float:
+    """Return the maximum thrust that rest at a target needs [N]: that of springs, and of friction after the move."""
+    plan = replace(task, force_limit=None).plan()
+    if plan is None:
+        return 0.0
+    moves = (plan.thrust + plan.friction).reshape(len(task.distances), task.move_samples + task.rest_samples)
+    return float(np.abs(moves[:, task.move_samples :]).max())
+
+
+def _min_feasible_samples(task: MotionTask) -> int | None:
+    """Return the minimum number of samples that keeps the limit, or None if `MAX_BOUNDED_SAMPLES` are not enough."""
+    low = high = task.move_samples
+    while replace(task, move_samples=high).plan() is None:
+        if high >= MAX_BOUNDED_SAMPLES:
+            return None
+        low, high = high, min(2 * high, MAX_BOUNDED_SAMPLES)
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if replace(task, move_samples=middle).plan() is None else (low, middle)
+    return high
+
+
+def _too_short_text(task: MotionTask, reason: str, needed: int) -> str:
+    sample_time = task.model.sample_time
+    return (
+        f"a move of {task.move_samples} samples ({task.move_samples * sample_time:g} s) is too short: {reason}; "
+        f"expected {needed} samples ({needed * sample_time:g} s) or more"
+    )
+
 
 Profile = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 LOW_OMEGA_RAD_S = 1e-3
