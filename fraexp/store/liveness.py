@@ -1,14 +1,15 @@
-"""Whether the process that executes a run is still alive."""
+"""The clocks of a database and its clients, and whether the process that executes a run is still alive."""
 
 import os
 import platform
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import cache
 from pathlib import Path
 
-from sqlalchemy import Connection
+from sqlalchemy import Connection, func, select
 
 HEARTBEAT_TIMEOUT = timedelta(minutes=2)
 """Time without a heartbeat after which a process on another host counts as dead."""
@@ -70,6 +71,19 @@ def host_of(connection: Connection) -> Host:
     """Return the host of a connection: this computer, unless it is simulated."""
     host: Host = connection.get_execution_options().get(HOST, _REAL_HOST)
     return host
+
+
+def now(connection: Connection) -> datetime:
+    """Return the current time in UTC: of a server by its own clock, because those of its clients may differ."""
+    if connection.dialect.name == "sqlite":
+        return host_of(connection).clock().astimezone(UTC)
+    moment: datetime = connection.execute(select(func.clock_timestamp())).scalar_one()
+    return moment.astimezone(UTC)
+
+
+def steady_time() -> float:
+    """Return the time of a clock that nobody can set [s]; it also runs while the computer sleeps."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic()
 
 
 @cache

@@ -13,9 +13,8 @@ from fraexp.store import integrity
 from fraexp.store.backends.engine import CONCURRENT, EXCLUSIVE, WRITE_MODE, Database
 from fraexp.store.backends.urls import locate_database
 from fraexp.store.changes import leases, merging, trash, writing
-from fraexp.store.clock import steady_time
 from fraexp.store.interrupts import deferred_interrupt
-from fraexp.store.liveness import this_process
+from fraexp.store.liveness import steady_time, this_process
 from fraexp.store.queries import annotations, reading, stored_results, sweep_pages
 from fraexp.store.queries.known_names import UnitDeclarations, no_declared_units
 from fraexp.store.stored_records import (

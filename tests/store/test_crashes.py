@@ -217,7 +217,7 @@ def test_a_database_that_somebody_locks_for_too_long_ends_a_run_and_the_next_goe
 
 JUMPING = """
 import datetime as module, itertools
-import fraexp.store.clock as clock
+import fraexp.store.liveness as liveness
 
 class Jumping(module.datetime):
     jumps = itertools.cycle([0, 86400, -86400, 3600, -90, 90, -7200])
@@ -226,7 +226,7 @@ class Jumping(module.datetime):
     def now(cls, zone=None):
         return module.datetime.now(zone) + module.timedelta(seconds=next(cls.jumps))
 
-clock.datetime = Jumping
+liveness.datetime = Jumping
 """
 
 

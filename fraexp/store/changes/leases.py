@@ -9,8 +9,7 @@ from datetime import datetime, timedelta
 
 from sqlalchemy import Connection, bindparam, delete, func, select
 
-from fraexp.store.clock import now
-from fraexp.store.liveness import Host, Process, host_of
+from fraexp.store.liveness import Host, Process, host_of, now
 from fraexp.store.tables import Query, ResultRow, insert_or_ignore, is_one_of, key_chunks, lease, run, run_sweep, sweep
 
 LEASE_DURATION = timedelta(seconds=60)

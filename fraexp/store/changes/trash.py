@@ -11,8 +11,7 @@ from sqlalchemy import Connection, Table, and_, case, delete, exists, insert, li
 from fraexp.errors import StoreError
 from fraexp.store import shared_sections
 from fraexp.store.changes.merge_source import RESULT_COLUMNS
-from fraexp.store.clock import now
-from fraexp.store.liveness import Process, host_of
+from fraexp.store.liveness import Process, host_of, now
 from fraexp.store.sealing import seal_annotations, seal_membership, seal_sound_runs
 from fraexp.store.stored_records import Deletion
 from fraexp.store.tables import (

@@ -11,9 +11,8 @@ from fraexp.data.sweep import Plain, Sweep
 from fraexp.errors import StoreError
 from fraexp.store import digests, shared_sections
 from fraexp.store.changes import leases
-from fraexp.store.clock import now
 from fraexp.store.codec import result_rows
-from fraexp.store.liveness import Process, host_of
+from fraexp.store.liveness import Process, host_of, now
 from fraexp.store.stored_records import ComponentOrigin, RunProgress
 from fraexp.store.tables import (
     IN_RUNS,

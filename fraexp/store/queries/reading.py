@@ -11,7 +11,6 @@ from fraexp.data.identity import key_heads
 from fraexp.data.results import UNUSABLE_OUTCOMES, Outcome
 from fraexp.errors import StoreError
 from fraexp.store import shared_sections
-from fraexp.store.clock import now
 from fraexp.store.damage import DAMAGED, RESTORE_HINT, read_tolerantly
 from fraexp.store.digests import (
     LISTED_COLUMNS,
@@ -22,7 +21,7 @@ from fraexp.store.digests import (
     origins_digest,
     run_digest,
 )
-from fraexp.store.liveness import Host, Process, host_of
+from fraexp.store.liveness import Host, Process, host_of, now
 from fraexp.store.queries import annotations
 from fraexp.store.queries.filter_sql import STATES
 from fraexp.store.sealing import read_origin_rows, sum_of_digests
