@@ -16,8 +16,8 @@ from tests.waiting import wait_until
 class Cluster:
     """A scheduler and its workers; a context manager that ends them all."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, worker_ttl: str = "5 minutes") -> None:
+        self.folder, self.worker_ttl = folder, worker_ttl
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
@@ -35,7 +35,8 @@ class Cluster:
     def launch_scheduler(self) -> None:
         """Start the scheduler without waiting for it."""
         options = [f"--port={self.port}", "--host=127.0.0.1", "--no-dashboard", f"--scheduler-file={self.file}"]
-        self.scheduler = self._start("scheduler", options)
+        ttl = {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": self.worker_ttl}
+        self.scheduler = self._start("scheduler", options, ttl)
 
     def start_worker(self, name: str, *options: str, environment: Mapping[str, str] | None = None) -> subprocess.Popen:
         """Start a worker with one thread, without a nanny unless told so, and return it when it is there."""

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,6 @@ from fraexp.data.signals import Signals
 from fraexp.data.sweep import DRAW
 from fraexp.errors import FraexpError
 from fraexp.figures.result_files import json_value, outcome_name, response_arrays, response_units, table_columns
-from fraexp.interface.optional_packages import import_optional
 
 if TYPE_CHECKING:
     import pandas
@@ -196,3 +196,15 @@ def outcome_attributes(result: Result) -> dict[str, Any]:
         "numerics": result.numerics,
         "metrics": metric_attributes(result),
     }
+
+
+def import_optional(name: str, purpose: str) -> Any:
+    """Return a package of the extra ``notebook``; FraexpError says how to install it if it is missing."""
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name != name:
+            raise
+        raise FraexpError(
+            f"{purpose} needs the package {name}: pip install {name} (the extra 'notebook' has all of them)"
+        ) from None

@@ -1,24 +1,24 @@
 """A workspace in Python: studies are run, results read, and experiments computed without a database."""
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from fraexp.cli.output import say
 from fraexp.components.kinds import KINDS, Component, FrictionModel
 from fraexp.components.parameters import example_call
-from fraexp.components.registry import SESSION, create
+from fraexp.components.registry import SESSION, LoadFailure, Registry, create
+from fraexp.data.identity import FileStamp
 from fraexp.errors import FraexpError, ParameterError, StudyError, did_you_mean
 from fraexp.execution.executors import ResourceLimits
 from fraexp.interface import direct_computation
 from fraexp.interface.argument_checks import require_mapping, require_path, require_positive, require_text
 from fraexp.interface.callable_law import FrictionLaw
-from fraexp.interface.local_plugins import refresh_plugins, reload_plugins
-from fraexp.interface.overrides import override_texts
-from fraexp.interface.proposed_channels import missing_channels
 from fraexp.interface.recordings import Recording
 from fraexp.interface.result_sets import Results, Run
 from fraexp.interface.run_monitor import follow_run
-from fraexp.interface.study_source import Study, component_spec, resolve_study, session_classes
+from fraexp.interface.study_source import Study, component_spec, override_texts, resolve_study, session_classes
 from fraexp.interface.sweep_results import SweepResult, require_fit
 from fraexp.records import RecordSettings
 from fraexp.records import resolve as resolve_record
@@ -28,6 +28,11 @@ from fraexp.workspace.workspace_service import WorkspaceService
 
 ALL_ROWS = 1_000_000
 """Rows of a page that holds all sweeps."""
+KEYWORDS = {"--time": "time_column", "--aperiodic": "periodic"}
+"""Arguments that are not called like the option of ``fraexp import`` which means the same."""
+OPTIONS_WITH_TEXT = ("--time", "--resample", "--unit")
+_reported: set[tuple[LoadFailure, FileStamp | None]] = set()
+"""Broken plugins that have been reported, each as its file was: calls in a loop report it once."""
 
 
 class Workspace:
@@ -317,3 +322,48 @@ class Workspace:
         from fraexp.store import url_without_password
 
         return url_without_password(self._service.database)
+
+
+def refresh_plugins(service: WorkspaceService) -> None:
+    """Load the plugins of a workspace, unless their files are those that it has loaded; report each that is broken."""
+    if not service.has_current_plugins():
+        reload_plugins(service)
+
+
+def reload_plugins(service: WorkspaceService, is_asked: bool = False) -> None:
+    """Load the plugins of a workspace anew; if this `is_asked` for, what has been reported is reported again."""
+    service.reload()
+    registry = service.registry
+    for failure in registry.failed:
+        if failure.file is None:
+            continue
+        seen = (failure, registry.local_files.get(failure.file.name))
+        if is_asked or seen not in _reported:
+            say(f"fraexp: the plugin {failure.place} is broken: {failure.reason}")
+        _reported.add(seen)
+
+
+def missing_channels(file: Path, registry: Registry) -> ParameterError:
+    """Return the error for a record without channels, which proposes some as ``fraexp import FILE`` does."""
+    from fraexp.records.contents import list_contents
+    from fraexp.records.proposals import propose_import
+
+    found = list_contents(file, registry)
+    proposal = propose_import(file, found, registry)
+    needs = "".join(f"; {need}" for need in proposal.needs)
+    return ParameterError(f"read_record needs channels; probably {_call_text(proposal.words)}{needs}")
+
+
+def _call_text(words: list[str]) -> str:
+    """Return the options of a command as arguments in Python."""
+    pairs = [(word, value) for word, value in pairwise([*words, ""]) if word.startswith("--")]
+    channels = dict(value.split("=", 1) for word, value in pairs if word == "--channel")
+    others = [_argument_text(*pair) for pair in pairs if pair[0] not in ("--channel", "--estimator", "--level")]
+    return ", ".join([f"channels={channels!r}", *others])
+
+
+def _argument_text(option: str, value: str) -> str:
+    name = KEYWORDS.get(option, option.removeprefix("--").replace("-", "_"))
+    if option == "--aperiodic":
+        return f"{name}=False"
+    return f"{name}={value!r}" if option in OPTIONS_WITH_TEXT else f"{name}={value}"

@@ -13,9 +13,14 @@ from fraexp.data.results import UNUSABLE_OUTCOMES, FrequencyResponse, Result
 from fraexp.errors import FraexpError, ParameterError, StudyError
 from fraexp.figures.result_files import export, json_value
 from fraexp.interface.argument_checks import frequency_view, is_there, require_path
-from fraexp.interface.datasets import curve_dataset, outcome_attributes, response_dataset, response_table
+from fraexp.interface.datasets import (
+    curve_dataset,
+    import_optional,
+    outcome_attributes,
+    response_dataset,
+    response_table,
+)
 from fraexp.interface.html import page_part
-from fraexp.interface.optional_packages import import_optional
 from fraexp.store import StoredSweep
 from fraexp.views import text_tables
 from fraexp.views.words import number_text, short_key

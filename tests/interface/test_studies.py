@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 import fraexp
 from fraexp.data import toml
-from fraexp.interface.overrides import toml_text
-from fraexp.interface.study_source import resolve_study
+from fraexp.interface.study_source import resolve_study, toml_text
 from fraexp.study.catalogue import catalogue
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.examples import some

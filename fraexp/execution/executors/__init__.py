@@ -38,7 +38,7 @@ def worker_count(name: str) -> int:
     if kind == "serial" and not number:
         return 1
     if kind == "dask":
-        from fraexp.execution.executors.dask_address import check_executor_name
+        from fraexp.execution.executors.dask import check_executor_name
 
         check_executor_name(name)
         return 1

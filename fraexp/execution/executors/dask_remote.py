@@ -1,33 +1,36 @@
-"""The code of a Dask worker: it reports its versions, and computes batches of jobs if it meets their requirements."""
+"""The code of a Dask worker: it compares its code with that of a run, and computes jobs whose requirements it meets."""
 
 import pickle
+import platform
 import sys
 import threading
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from os import _exit
+from functools import partial
+from importlib import metadata
 from pathlib import Path
-from uuid import uuid4
 
 import fraexp
 from fraexp.data.identity import file_hash
 from fraexp.errors import FraexpError
-from fraexp.execution.executors.workers import Answer
 from fraexp.execution.job import Job, describe_failure, registry_of
-from fraexp.execution.watched_job import run_watched_job
+from fraexp.execution.watched_job import JobCancelled, run_watched_job
 
 TOPIC = "fraexp"
 """Topic of the events with which workers report progress."""
 PROGRESS_INTERVAL_S = 1.0
-"""Minimum interval between two progress events of a job: each passes through Dask's scheduler."""
-PROCESS_ID = uuid4().hex
-"""Distinguishes this process from another one at the same address."""
+"""Minimum interval between two progress events of a worker: each passes through Dask's scheduler."""
+LEAVE_DELAY_S = 1.0
+"""Time in which the last answer of a worker reaches the scheduler."""
+COMPARED_PACKAGES = ("fraexp", "numpy", "scipy", "numba")
+"""Packages on which results may depend."""
 
 
 @dataclass(frozen=True)
 class Requirements:
-    """What jobs require on a worker."""
+    """What a job requires on a worker."""
 
     components: frozenset[tuple[str, str, str, str]]
     """Kind, name, source hash and distribution of each component."""
@@ -37,35 +40,26 @@ class Requirements:
     """Folder of local plugins; empty if none of them is used."""
 
 
-@dataclass(frozen=True)
-class MissingRequirement:
-    """Why a worker cannot compute a batch, as a clause that follows its name."""
+class RefusedError(Exception):
+    """A worker cannot compute a job."""
 
-    reason: str
-
-
-@dataclass(frozen=True)
-class BatchAnswer:
-    """Answers of a batch, from its first job on; the other jobs must be sent again."""
-
-    answers: list[Answer]
-    seconds: float
-    """Time in which they were computed."""
+    def __init__(self, address: str, reason: str) -> None:
+        super().__init__(address, reason)
+        self.address, self.reason = address, reason
+        """Why, as a clause that follows the worker's name; empty if its process has not been checked."""
 
 
-class BatchCancelled(BaseException):
-    """Raised in a running job that has been cancelled."""
+class OverdueError(Exception):
+    """A job has exceeded its time limit."""
 
 
+_checked: set[str] = set()
+"""Runs that have checked this process."""
 _verified: set[tuple[object, ...]] = set()
 """Requirements that have been found to be met."""
 _compute_lock = threading.Lock()
 """A process computes one job at a time: plugins need not be thread-safe."""
-
-
-def worker_versions() -> tuple[str, dict[str, str]]:
-    """Return the identifier of this process, and the hash of each module of fraexp that it has loaded."""
-    return PROCESS_ID, dict(_loaded_code)
+_last_report = float("-inf")
 
 
 def code_hashes(names: list[str] | None = None) -> dict[str, str]:
@@ -85,88 +79,78 @@ _loaded_code = code_hashes()
 """Hashes of the code as it was loaded: this module is imported at the first request, and files may change later."""
 
 
-def end_process() -> None:
-    """End this process."""
-    _exit(1)
+def versions() -> dict[str, str | None]:
+    """Return the versions of Python and of the compared packages; None for one that is not installed."""
+    found: dict[str, str | None] = {"Python": ".".join(platform.python_version_tuple()[:2])}
+    for name in COMPARED_PACKAGES:
+        found[name] = None
+        with suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found
 
 
-def compute_batch(sent: bytes, run: str, number: int, budget: float) -> bytes:
-    """Compute the jobs of a batch one after another: the first one, then others until `budget` [s] is used up.
+def check_process(run: str, theirs: Mapping[str, str | None]) -> tuple[str, dict[str, str]]:
+    """Return why this process has other versions than a run, empty if it has not, and the hashes of its code."""
+    _checked.add(run)
+    for name, here in versions().items():
+        wanted = theirs[name]
+        if here is None and wanted is not None:
+            return f"has no {name}; install {name} {wanted} there and restart it", {}
+        if here != wanted:
+            return f"has {name} {here}, but {wanted} is here; install the same there and restart it", {}
+    return "", dict(_loaded_code)
 
-    `sent` is pickled: the process that is addressed, the jobs and their requirements. The answer is pickled, too: a
-    BatchAnswer, a MissingRequirement, or None if this is another process.
+
+def compute(run: str, number: int, sent: bytes, limit: float) -> bytes:
+    """Compute a job, which is pickled with its requirements, and return its pickled answer.
+
+    RefusedError if this process does not meet them, OverdueError if an estimator takes longer than `limit` [s]; then
+    the worker closes, because its thread cannot be stopped.
     """
-    process, jobs, requirements = pickle.loads(sent)
-    if process != PROCESS_ID:
-        return pickle.dumps(None)
+    from distributed import get_worker
+
+    worker = get_worker()
+    if run not in _checked:
+        raise RefusedError(worker.address, "")
+    job, requirements = pickle.loads(sent)
     with _compute_lock:
-        missing = _missing_requirement(requirements)
-        return (
-            pickle.dumps(missing) if missing else _pickle_answer(*_run_jobs(jobs, _BatchReporter(run, number), budget))
-        )
+        reason = _refusal(requirements)
+        if reason:
+            raise RefusedError(worker.address, reason)
+        return _compute(job, _Reporter(worker, run, number), limit)
 
 
-def _run_jobs(jobs: list[Job], reporter: "_BatchReporter", budget: float) -> tuple[list[Job], list[Answer], float]:
-    began = time.monotonic()
-    answers: list[Answer] = []
-    for place, job in enumerate(jobs):
-        if place and time.monotonic() - began > budget:
-            break
-        reporter.start_job(place)
-        try:
-            answers.append(_run_job(job, reporter))
-        except BatchCancelled:
-            break
-    return jobs, answers, time.monotonic() - began
-
-
-def _run_job(job: Job, reporter: "_BatchReporter") -> Answer:
-    """Return the answer of a job; where a law hangs, its thread goes on until the worker ends."""
-    end = run_watched_job(job, reporter.report, lambda _: reporter.check_cancelled(), reporter.announce)
-    if isinstance(end.error, BatchCancelled):
-        raise end.error
-    if end.error is not None:  # such as a plugin's sys.exit(): the worker goes on with the others
-        return [describe_failure(end.error)] * len(job.estimators)
-    return end.answer
-
-
-def _pickle_answer(jobs: list[Job], answers: list[Answer], seconds: float) -> bytes:
+def _compute(job: Job, reporter: "_Reporter", limit: float) -> bytes:
+    end = run_watched_job(job, reporter.report, lambda _: reporter.check_cancelled(), reporter.announce, limit)
+    if end.is_overdue or end.hangs:
+        reporter.end_worker()
+    if end.is_overdue:
+        raise OverdueError
+    if isinstance(end.error, JobCancelled):
+        return pickle.dumps([])
+    if end.error is not None:  # such as a plugin's sys.exit(): the worker goes on with others
+        return pickle.dumps([describe_failure(end.error)] * len(job.estimators))
     try:
-        return pickle.dumps(BatchAnswer(answers, seconds), pickle.HIGHEST_PROTOCOL)
-    except Exception:  # a plugin's result cannot be pickled
-        return pickle.dumps(BatchAnswer([_picklable(*pair) for pair in zip(jobs, answers, strict=False)], seconds))
+        return pickle.dumps(end.answer, pickle.HIGHEST_PROTOCOL)
+    except Exception as error:  # a plugin's result cannot be pickled
+        return pickle.dumps([describe_failure(error)] * len(job.estimators))
 
 
-def _picklable(job: Job, answer: Answer) -> Answer:
-    try:
-        pickle.dumps(answer)
-    except Exception as error:
-        return [describe_failure(error)] * len(job.estimators)
-    return answer
+class _Reporter:
+    """Reports the progress of a job to the client, and stops the job if nobody waits for it."""
 
-
-class _BatchReporter:
-    """Reports the progress of a batch to the client, and stops the batch if it has been cancelled."""
-
-    def __init__(self, run: str, number: int) -> None:
-        from distributed import get_worker
-
-        self._worker = get_worker()
-        self._key = self._worker.get_current_task()
+    def __init__(self, worker: "distributed.Worker", run: str, number: int) -> None:  # type: ignore[name-defined]  # noqa: F821
+        self.worker = worker
+        self._key = worker.get_current_task()
         self._run, self._number = run, number
-        self._place = 0
-        self._last = float("-inf")
-
-    def start_job(self, place: int) -> None:
-        """Report that the job at this place of the batch begins."""
-        self._place = place
         self.report(0.0)
 
     def report(self, done: float) -> None:
         """Report the fraction of the job that is done, if a report is due."""
+        global _last_report  # noqa: PLW0603
         self.check_cancelled()
-        if time.monotonic() - self._last > PROGRESS_INTERVAL_S:
-            self._last = time.monotonic()
+        if time.monotonic() - _last_report > PROGRESS_INTERVAL_S:
+            _last_report = time.monotonic()
             self._send(done=float(done))
 
     def announce(self, laws: str) -> None:
@@ -174,30 +158,35 @@ class _BatchReporter:
         self.check_cancelled()
         self._send(compiling=laws)
 
+    def end_worker(self) -> None:
+        """Have the worker leave the cluster, and its nanny start another one, when the answer has been sent."""
+        leave = partial(self.worker.close_gracefully, restart=True, reason="a job of fraexp does not end")
+        self.worker.loop.add_callback(self.worker.loop.call_later, LEAVE_DELAY_S, leave)
+
     def _send(self, **said: object) -> None:
-        self._worker.log_event(TOPIC, {"run": self._run, "batch": self._number, "place": self._place, **said})
+        self.worker.log_event(TOPIC, {"run": self._run, "number": self._number, **said})
 
     def check_cancelled(self) -> None:
-        """Raise BatchCancelled if nobody waits for the answer."""
-        task = self._worker.state.tasks.get(self._key)
+        """Raise JobCancelled if nobody waits for the answer."""
+        task = self.worker.state.tasks.get(self._key)
         if task is None or task.state == "cancelled":
-            raise BatchCancelled
+            raise JobCancelled
 
 
-def _missing_requirement(requirements: Requirements) -> MissingRequirement | None:
-    """Return the first requirement that is not met, or None; what was met once is not checked again."""
+def _refusal(requirements: Requirements) -> str:
+    """Return the first requirement that is not met, or an empty text; what was met once is not checked again."""
     for component in requirements.components:
         here = (component, requirements.plugins)  # a folder is read and hashed at its first use
         reason = "" if here in _verified else _component_refusal(component, requirements.plugins)
         if reason:
-            return MissingRequirement(reason)
+            return reason
         _verified.add(here)
     for file in requirements.files - _verified:
         reason = _file_refusal(*file)
         if reason:
-            return MissingRequirement(reason)
+            return reason
         _verified.add(file)
-    return None
+    return ""
 
 
 def _component_refusal(component: tuple[str, str, str, str], plugins: str) -> str:
