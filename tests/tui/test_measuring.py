@@ -19,6 +19,7 @@ import pytest
 
 from fraexp.data.results import FrequencyResponse
 from fraexp.data.sample_file import SampleWriter
+from fraexp.measurement.consent import CONSENTS_VARIABLE
 from fraexp.measurement.measured_points import MeasurementFiles
 from fraexp.store import Store
 from fraexp.tui.screens.launch_page import LaunchPage
@@ -113,6 +114,31 @@ async def play(app, pilot) -> None:
     await begin(app, pilot)
     await until(pilot, lambda: app.measurement.progress and app.measurement.progress.periods > 8)
     await shows(pilot, "100 Hz, 40 N peak: settled", "target ±1e-09 dB")
+
+
+def test_a_program_of_a_study_is_allowed_in_a_dialog_before_it_runs(tmp_path, monkeypatch):
+    monkeypatch.setenv(CONSENTS_VARIABLE, str(tmp_path / "consents"))
+    command = 'machine = { name = "command", program = ["python3", "axis.py"] }'
+    folder = write_study(tmp_path, STUDY.replace('machine = { name = "simulated", log = "LOG" }', command))
+    (folder / "axis.py").write_text("open('ran', 'w')\nraise SystemExit('the drive is off')", encoding="utf-8")
+
+    async def steps(app, pilot):
+        await choose(app, pilot)
+        await pilot.press("m")
+        await shows(pilot, "'command' offers no disable")
+        await pilot.press("f5")
+        await shows(pilot, "The study would run", "python3 axis.py in", "Allow it, now and later?")
+        await pilot.press("n")
+        await until(pilot, lambda: isinstance(app.screen, MeasurementPlanPage))
+        assert not (tmp_path / "consents").exists()
+        await pilot.press("f5", "y")
+        await shows(pilot, "The machine 'command' will move")
+        await pilot.press("y")
+        await until(pilot, lambda: app.measurement and app.measurement.has_ended)
+        assert "the drive is off" in app.measurement.message
+
+    pilot_of(folder, steps)
+    assert (tmp_path / "ran").exists()
 
 
 @pytest.mark.thorough
