@@ -10,8 +10,7 @@ from fraexp.cli.output import print_path, say
 from fraexp.cli.plan_output import print_plan
 from fraexp.cli.sweep_lookup import location_options
 from fraexp.errors import StudyError
-from fraexp.measurement.excitation_files import write_excitation
-from fraexp.measurement.excitation_table import excitation_table
+from fraexp.measurement.excitation_files import excitation_table, write_excitation
 from fraexp.records.study_writer import write_study
 from fraexp.workspace.measurement_service import MeasurementService
 from fraexp.workspace.workspace_service import WorkspaceService

@@ -15,7 +15,7 @@ from fraexp.errors import FraexpError, MachineError, StudyError
 from fraexp.execution.events import Event
 from fraexp.execution.job import apply_estimator, tolerated_error
 from fraexp.measurement.consent import Consent, missing_consent
-from fraexp.measurement.excitation_table import ExcitationTable
+from fraexp.measurement.excitation_files import ExcitationTable
 from fraexp.measurement.measured_points import MeasuredPoint, MeasurementFiles
 from fraexp.measurement.measured_study import known_controller, record_section, record_study, relative_file
 from fraexp.measurement.measurement import Measurement, MeasurementEvent, MeasurementNotice, PointMeasured

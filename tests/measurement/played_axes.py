@@ -11,7 +11,7 @@ from fraexp import records
 from fraexp.components.registry import Registry
 from fraexp.data.results import Outcome
 from fraexp.data.signals import Signals
-from fraexp.measurement.excitation_table import ExcitationTable
+from fraexp.measurement.excitation_files import ExcitationTable
 from fraexp.records.record_settings import RecordSettings
 
 Array = NDArray[np.float64]

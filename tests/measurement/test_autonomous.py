@@ -18,7 +18,7 @@ from fraexp.measurement.autonomous_points import LEVEL_RATIOS, PointDesign
 from fraexp.measurement.friction_loop import LOOP_HZ, FrictionLoop, _LoopWatch, measure_friction_loop
 from fraexp.measurement.measured_points import MeasuredPoint
 from fraexp.measurement.motion_guard import MotionGuard
-from fraexp.measurement.settling_monitor import SettlingMonitor
+from fraexp.measurement.point_measurement import SettlingMonitor
 from fraexp.measurement.unknown_axis import UnknownAxis
 from fraexp.measurement.watched_machine import WatchedMachine
 from fraexp.simulation.motion_limits import MotionLimits

@@ -13,7 +13,7 @@ from fraexp.components.registry import Registry, create
 from fraexp.data.results import Outcome
 from fraexp.errors import LimitError, MachineError, RecordError
 from fraexp.measurement import measurement_plan
-from fraexp.measurement.excitation_table import ExcitationTable, excitation_table
+from fraexp.measurement.excitation_files import ExcitationTable, excitation_table
 from fraexp.measurement.measurement_plan import MeasurementPlan, plan_points, planning_setup
 from fraexp.measurement.tasks import MeasurementTask
 from fraexp.records.direction_force import direction_force

@@ -18,8 +18,7 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.data.results import Outcome
 from fraexp.errors import StudyError
-from fraexp.measurement.excitation_files import write_excitation
-from fraexp.measurement.excitation_table import ExcitationTable, excitation_table
+from fraexp.measurement.excitation_files import ExcitationTable, excitation_table, write_excitation
 from fraexp.records.record_settings import RecordSettings
 from fraexp.records.study_writer import write_study
 from fraexp.simulation.live_loop import LiveLoop, live_setup
