@@ -92,17 +92,17 @@ class DictionaryReport:
         if self.scatter > MAX_SCATTER:
             yield (
                 f"without the friction that was found, records of different amplitudes differ by {self.scatter:.1%} in "
-                f"their plant; expected {MAX_SCATTER:.0%} or less: record longer, or let limits allow more motion"
+                f"their plant; expected {MAX_SCATTER:.0%} or less: record longer"
             )
         if self.plant.fall > MAX_FALL:
             yield (
                 "the friction force falls with velocity, hence the Coulomb force is lower beyond the velocities of the "
-                "records: raise limits.velocity"
+                "records: do not use it for faster motion"
             )
         (fit,) = self.plant.fit.fits
         errors = NORMAL_QUANTILE * fit.standard_deviation
         if errors[0] > MAX_GAIN_ERROR * fit.values[0]:
-            yield f"the rigid-body gain is known to {errors[0] / fit.values[0]:.1%} only; raise the limits"
+            yield f"the rigid-body gain is known to {errors[0] / fit.values[0]:.1%} only; record longer"
         for name, value, error in zip(fit.parameters, fit.values, errors, strict=True):
             if name == "frequencies.0" and error > MAX_MODE_ERROR:
                 yield f"the first mode, {value:.4g} Hz, is known to {error:.2g} Hz only; record more near it"
@@ -112,7 +112,7 @@ class DictionaryReport:
             yield (
                 f"the Coulomb force, {force:.4g} N, may be any from {low:.4g} to {high:.4g} N, since friction that "
                 f"weakens in sliding may be a part of it; expected {MAX_FORCE_ERROR:.0%} or better: let the axis move "
-                "faster at low frequencies, by a softer controller or a larger limits.force"
+                "faster at low frequencies, by a softer controller"
             )
 
     def friction(self) -> Fit:
