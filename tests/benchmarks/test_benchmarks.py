@@ -11,8 +11,6 @@ import pytest
     ("script", "arguments"),
     [
         ("accuracy.py", ["without-friction", "proposed", "fits", "model-errors"]),
-        ("accuracy.py", ["laws", "--law", "rolling", "gms", "elastoplastic"]),
-        ("positioning.py", []),
     ],
 )
 @pytest.mark.thorough

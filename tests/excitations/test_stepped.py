@@ -40,8 +40,7 @@ def test_the_amplitude_of_a_stepped_sine_follows_its_shape():
     assert max(others(period).max() for period in periods) < 1e-12
 
 
-@pytest.mark.parametrize("displacement", [5e-6, 20e-6, 50e-6])
-@pytest.mark.parametrize("noise", [0.0, 30e-9])
+@pytest.mark.parametrize(("displacement", "noise"), [(5e-6, 30e-9), (50e-6, 0.0)])
 def test_the_response_amplitude_is_reached_on_the_table_with_friction_in_few_rounds(displacement, noise, monkeypatch):
     asked: dict[float, int] = {}
     revise = ResponseControlled.revise

@@ -2,41 +2,32 @@
 
 import tomllib
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.friction.dahl import Dahl
-from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
-from fraexp_plugins.friction.none import Frictionless
-from fraexp_plugins.identification.autonomous._shared import force_dictionary
-from fraexp_plugins.identification.autonomous._shared.autonomous_lines import ElementObserver, SpectralLines
 from fraexp_plugins.identification.autonomous._shared.autonomous_plant import (
-    IdentifiedPlant,
     InverseResponse,
     identify_plant,
 )
-from fraexp_plugins.identification.autonomous._shared.dictionary_fit import DictionaryFit, delayed_lines
-from fraexp_plugins.identification.autonomous._shared.dictionary_report import MAX_FALL, DictionaryReport
-from fraexp_plugins.identification.autonomous._shared.force_dictionary import ForceDictionary, dahl_bristles
+from fraexp_plugins.identification.autonomous._shared.dictionary_report import MAX_FALL
+from fraexp_plugins.identification.autonomous._shared.force_dictionary import dahl_bristles
 from fraexp_plugins.identification.autonomous._shared.force_interval import sum_interval
-from fraexp_plugins.identification.autonomous._shared.law_records import LawRecords
 from fraexp_plugins.identification.autonomous.dictionary_identification import DictionaryIdentification
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 
-from fraexp.components.kinds import Controller, Excitation, FrictionModel, Motion, Plant
+from fraexp.components.kinds import Controller, Excitation, FrictionModel, Plant
 from fraexp.components.registry import create
-from fraexp.data.results import Metric, Outcome, Result
-from fraexp.data.signals import Segment, Signals
+from fraexp.data.results import Outcome
+from fraexp.data.signals import Signals
 from fraexp.errors import RecordError
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from fraexp.study.study_file import packaged_studies
 from tests.identification.plant_responses import measured
-from tests.tui.responses import resonant
 
 MACHINE = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table.toml").read_text(encoding="utf-8"))
 FORCE, VISCOUS = 17.9, 4.69
@@ -86,46 +77,6 @@ def test_bristles_are_dahls_law_sample_by_sample() -> None:
     np.testing.assert_allclose(force * dahl_bristles(y, np.array([width]))[:, 0], expected, rtol=1e-9, atol=1e-12)
 
 
-def test_columns_are_periodic_and_coulomb_forces_reach_their_size() -> None:
-    dictionary = ForceDictionary.spanning(1e-7, 1e-3, 0.1)
-    motion = 1e-3 * np.sin(2 * np.pi * np.arange(2000) / 2000)
-    columns = dictionary.columns(Motion(motion, 1e-4, True))
-    assert columns.shape == (2000, dictionary.widths.size)
-    relative = np.abs(columns / dictionary.widths).max(axis=0)[dictionary.is_coulomb]
-    assert relative == pytest.approx(np.ones(relative.size), abs=1e-3)
-    x = np.array([0.0, 1.0])
-    np.testing.assert_allclose(dictionary.virgin_columns(x)[:, dictionary.is_coulomb], [[0] * 220, [1] * 220])
-
-
-@pytest.mark.parametrize("lag", [0, 1])
-def test_what_weakens_is_the_first_order_of_maxwell_slip(lag: int) -> None:
-    dictionary = ForceDictionary.spanning(1e-7, 1e-3, 0.1)
-    place, velocity, rise, step = 4, 3, 1e-4, 2.5e-5
-    width = dictionary.stops[place * force_dictionary.WEAKENING_STEP]
-    count = 4000
-    motion = 20 * width * np.sin(2 * np.pi * np.arange(count) / count)
-    rate = 1 / force_dictionary.WEAKENING_LAG_S if lag else 1e7
-
-    def force(static: float) -> Any:
-        model = GeneralizedMaxwellSlip(
-            stiffness=(1 / width,), force_fractions=(1.0,), coulomb_force=1.0, static_force=static,
-            stribeck_velocity=dictionary.weakening[velocity], attraction_rate=rate,
-        )  # fmt: skip
-        state, after, found = np.zeros(3), np.zeros(3), []
-        parameters = (
-            np.array([1 / width]), np.ones(1), 1.0, static, model.stribeck_velocity, 2.0, rate,
-        )  # fmt: skip
-        for change in np.diff(np.tile(motion, 2), prepend=0.0):
-            found.append(model.advance(state, change, step, after, *parameters))
-            state, after = after.copy(), np.zeros(3)
-        return np.array(found[count:])
-
-    expected = (force(1 + rise) - force(1.0)) / rise
-    weakening = dictionary.columns(Motion(motion, step, True))[:, dictionary.parts[3]][:, dictionary.peaks.size :]
-    column = weakening.reshape(count, -1, 2, dictionary.weakening.size)[:, place, lag, velocity] / width
-    assert np.sqrt(np.mean((column - expected) ** 2)) < 0.02 * np.sqrt(np.mean(expected**2))
-
-
 def test_a_sum_that_others_may_replace_has_a_wide_interval() -> None:
     columns = np.array([[3.0, 3.0, 0.0], [4.0, 4.0, 0.0], [0.0, 0.0, 2.0]])
     target, rise = columns @ [1.0, 1.0, 4.0], 1.0
@@ -149,69 +100,6 @@ def test_friction_that_falls_with_velocity_is_noticed_in_the_plant(viscous: floa
     response = measured(Modal(rigid_body_gain=0.05), known=True, dead_time=0.0, frequency=frequency)
     plant = identify_plant(inverse, response, ModalFit(method=Conventional(), modes=0, dead_time=0.0))
     assert (plant.fall > MAX_FALL, plant.viscous > 0) == (viscous < 0, viscous > 0)
-
-
-def test_records_that_contradict_each_other_everywhere_are_named_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
-    response = replace(resonant(np.array([1.0, 2.0, 4.0])), settled=np.zeros(3, dtype=bool))
-    monkeypatch.setattr(DictionaryIdentification, "_inverse", lambda *_: (None, response))
-    monkeypatch.setattr(DictionaryIdentification, "_response", lambda *_: Result(Outcome.OK, response=response))
-    found: Any = SimpleNamespace(scatter=np.array([0.2, 0.3, 5.0]))
-    _, remark = DictionaryIdentification()._plant(Signals((), {}), found)
-    assert "differ by more than 10% in their plant at all 3 frequencies" in remark
-
-
-def test_a_record_that_friction_balances_says_little_of_the_plant() -> None:
-    """Of a light axis the smallest amplitude moved bristles alone, and 27 of 33 lines did not count."""
-    motion = np.array([[1e-3, 1e-5], [1e-3, 1e-5]], dtype=complex)
-    thrust = 1e4 * motion + 30.0 + np.array([[0.0, 0.3], [0.0, 0.3]])  # 0.3 N is three times the plant's part there
-    lines = SpectralLines(
-        ((0, 1),), Conventional().delays, np.array([10.0, 20.0]), thrust, motion, np.full((2, 2, 1), 30.0 + 0j),
-        np.array([[True, True], [False, True]]), np.full(2, 1e-3),
-    )  # fmt: skip
-    elements: Any = SimpleNamespace(
-        stiffness=np.ones(1), inverse=np.full(2, 1e4 + 0j), noise_floor=np.array([0.0, 0.2])
-    )
-    found = DictionaryFit(lines, ForceDictionary.spanning(1e-7, 1e-3, 0.1), elements, 0.0, np.full((2, 2), 0.1))
-    # 0.3 N beside 10 N; and where there is one record, what noise explains
-    assert found.scatter == pytest.approx([0.3 / np.sqrt((10**2 + 0.1**2) / 2), 0.2], rel=1e-3)
-
-
-@pytest.mark.parametrize("dead_time", [0.0, 0.3e-3, 2.7e-3])
-def test_a_later_thrust_has_the_images_of_that_dead_time(dead_time: float) -> None:
-    frequency, times = np.array([10.0, 250.0]), np.full(2, 1e-3)
-    observer = Conventional(input_dead_time=0.4e-3)
-    path = observer.input_path(2 * np.pi * frequency, times)
-    lines = SpectralLines(
-        ((0,),), observer.delays, frequency, path[:, None], np.ones((2, 1), complex), np.zeros((2, 1, 0), complex),
-        np.ones((2, 1), dtype=bool), times,
-    )  # fmt: skip
-    later = Conventional(input_dead_time=0.4e-3 + dead_time).input_path(2 * np.pi * frequency, times)
-    np.testing.assert_allclose(delayed_lines(lines, dead_time).thrust[:, 0], later, rtol=1e-12)
-
-
-@pytest.mark.parametrize("noise", [0.0, 1e-7])
-def test_rounding_is_an_error_of_all_periods_and_noise_one_of_each(noise: float) -> None:
-    """Rounding as noise of its own in each period left friction errors of a light axis unexplained by its own law."""
-    step, periods, count = 1e-7, 25, 400
-    true = 40e-6 * np.sin(2 * np.pi * np.arange(count) / count)
-    errors = noise * np.random.default_rng(5).normal(size=(periods, count))
-    y = step * np.round((true + errors) / step)
-    segment = Segment(1e-3, {"u": np.tile(true, (periods, 1)), "y": y}, np.array([1]))
-    signals = Signals((segment,) * 3, {"u": "N", "y": "m"})
-    observer = ElementObserver(friction=Frictionless(), resolution=step, noise=noise, oversampling=2)
-    records = LawRecords.from_signals(signals, observer, (np.array([2.5]), np.ones(1, complex)))
-    error = float(np.std(y.mean(axis=0) - true))
-    assert error <= 1.05 * records.deviations[0]
-    assert noise or error == pytest.approx(records.deviations[0], rel=0.05)
-
-
-@pytest.mark.parametrize(("scatter", "doubts"), [(0.009, 0), (0.011, 1)])
-def test_records_that_scatter_after_friction_is_taken_off_are_a_doubt(scatter: float, doubts: int) -> None:
-    spring = SimpleNamespace(values=np.array([0.05]), standard_deviation=np.zeros(1), parameters=("rigid_body_gain",))
-    fit: Any = SimpleNamespace(outcome=Outcome.OK, fits=(spring,), metrics=(Metric("cost", 1.0, "1"),))
-    found: Any = SimpleNamespace(scatter=np.array([scatter, scatter, 1.0, 0.0]), coulomb=10.0, coulomb_error=0.1)
-    report = DictionaryReport(found, IdentifiedPlant(fit, 1.0, 0.1, 0.0), 0.0)
-    assert len([*report.doubts()]) == doubts
 
 
 def test_one_amplitude_is_refused(recorded: Any) -> None:

@@ -10,7 +10,6 @@ from fraexp_plugins.identification.autonomous._shared import law_choice
 from fraexp_plugins.identification.autonomous._shared.autonomous_lines import ElementObserver
 from fraexp_plugins.identification.autonomous._shared.law_choice import LawChoice, choose_law
 from fraexp_plugins.identification.autonomous._shared.law_elements import RollingElements
-from fraexp_plugins.identification.autonomous._shared.law_records import LawRecords
 
 from fraexp.data.signals import Signals
 from tests.identification.test_law_elements import record_of
@@ -31,19 +30,6 @@ def signals_of(mode: float = np.inf) -> Signals:
         for speed in SPEEDS
     ]
     return Signals(tuple(segments), {"u": "N", "y": "m"})
-
-
-def test_an_element_that_never_slips_is_a_spring_that_a_free_body_lacks() -> None:
-    records = LawRecords.from_signals(signals_of(), OBSERVER, INVERSE)
-    deflection = records.deflection(LAW)
-    plain, free = (each.solve(deflection, 0.0).problem for each in (records, records.as_free_body()))
-    assert np.linalg.norm(plain.matrix[:, 2]) < 1e-6  # 1/P̂ at each line hides it
-    low = records.lines.frequency <= 3.05 * records.lines.frequency.min()
-    stiffness = np.sqrt(np.sum(free.power[low])) / 0.1  # of a spring that no other term of the series repeats
-    assert 0.01 * stiffness < np.linalg.norm(free.matrix[:, 2]) < stiffness
-    sizes, residual, _ = records.as_free_body().solve(deflection, 0.0)
-    np.testing.assert_allclose(sizes.reshape(3, 3).sum(axis=0), [4.0, 6.0, 0.0], atol=0.01)
-    assert np.sqrt(np.mean(residual**2)) < 0.5
 
 
 @pytest.mark.parametrize(("mode", "is_free"), [(60.0, True), (3.5, False)])

@@ -135,12 +135,6 @@ def test_the_stated_bands_hold_the_truth(estimator, truth, curve_share):
     assert np.mean(curve) >= curve_share
 
 
-@pytest.mark.thorough
-def test_the_number_of_elements_follows_the_squared_error():
-    assert values(RollingIdentification().estimate(record(THREE, noise=NOISE)))["elements"] <= 8
-    assert values(RollingIdentification(elements=1).estimate(record(THREE, noise=NOISE)))["elements"] == 1
-
-
 def test_a_motion_that_never_slips_through_is_refused():
     y = motion(1000, 8, amplitude=20e-6)
     with pytest.raises(RecordError, match=r"stays in presliding.*several times as wide"):

@@ -6,7 +6,6 @@ from fraexp_plugins.controllers.pid import Pid
 from fraexp_plugins.excitations.constant_velocities import ConstantVelocities
 from fraexp_plugins.excitations.slow_triangle import SlowTriangle
 from fraexp_plugins.friction.coulomb import Coulomb
-from fraexp_plugins.identification.friction._shared.friction_record import detect_zero_order_hold
 from fraexp_plugins.identification.friction.rolling_identification import RollingIdentification
 from fraexp_plugins.identification.friction.sliding_identification import SlidingIdentification
 from fraexp_plugins.identification.friction.viscous_identification import ViscousIdentification
@@ -116,13 +115,6 @@ def test_the_mass_at_one_speed_is_as_uncertain_as_the_reversals():
     assert abs(found["mass"] - 8) < found["mass, 95 %"] < 0.5 * 8
     assert "the mass is identifiable at reversals only" in result.message
     assert "not held between" not in result.message
-
-
-def test_a_thrust_counts_as_held_unless_the_record_is_clear():
-    (segment,) = measured(coulomb_machine(10.0, 30e-3, (0.1, 0.3)), 1).segments
-    signals = Signals((segment,), {"u": "N", "y": "m"})
-    assert detect_zero_order_hold(signals, None, {True: 1.0, False: 0.9}.__getitem__) == (True, [])
-    assert not detect_zero_order_hold(signals, None, {True: 1.0, False: 0.7}.__getitem__)[0]
 
 
 def coulomb_machine(acceleration, amplitude, velocities):

@@ -1,25 +1,17 @@
 """Forces of one law: their columns add up to the law, and the law that made a motion's records is found again."""
 
-import itertools
 from dataclasses import replace
-from itertools import islice
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from fraexp_plugins.friction.elastoplastic import Elastoplastic
-from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
-from fraexp_plugins.friction.lugre import LuGre
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification.autonomous._shared import law_choice
 from fraexp_plugins.identification.autonomous._shared.autonomous_lines import ElementObserver, remove_drift
 from fraexp_plugins.identification.autonomous._shared.law_choice import LawChoice, LawFit, choose_law
-from fraexp_plugins.identification.autonomous._shared.law_component import law_component
 from fraexp_plugins.identification.autonomous._shared.law_elements import (
     BristleElements,
-    DahlElements,
     ElastoplasticElements,
     LawElements,
     RollingElements,
@@ -53,15 +45,6 @@ def test_columns_add_up_to_the_law(elements: LawElements, sizes: list[float]) ->
     np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize(("elements", "sizes"), LAWS[1:], ids=lambda each: getattr(each, "name", ""))
-def test_the_virgin_curve_is_that_of_a_slow_displacement(elements: LawElements, sizes: list[float]) -> None:
-    model = elements.model(np.array(sizes), 0.0)
-    x = np.linspace(0.0, 6e-5, 20001)
-    expected = model.force(x, 10.0 / x.size)  # 6 µm/s: far below the Stribeck velocity
-    found = elements.virgin_columns(x) @ sizes
-    np.testing.assert_allclose(found, expected, atol=0.08 * np.abs(expected).max())
-
-
 @pytest.mark.parametrize(("elements", "sizes"), LAWS, ids=lambda each: getattr(each, "name", ""))
 def test_a_drift_of_the_mean_leaves_the_force_as_it_is(elements: LawElements, sizes: list[float]) -> None:
     samples, periods, drift = 500, 8, 3e-6
@@ -77,30 +60,6 @@ def test_a_drift_of_the_mean_leaves_the_force_as_it_is(elements: LawElements, si
     np.testing.assert_allclose(elements.columns(motion) @ sizes, force, atol=5e-3 * np.abs(force).max())
     apart = elements.columns(observer.periodic_motion(segment)) @ sizes
     assert np.abs(apart - force).max() > 0.015 * np.abs(force).max()  # without the drift
-
-
-def test_friction_of_a_name_knows_its_static_force() -> None:
-    model: Any = LAWS[2][0].model(np.array([5.0, 0.4]), 1.5)
-    assert model.static_force == pytest.approx(6.0)
-    assert model.viscous_coefficient == 1.5
-    dahl = replace(LAWS[2][0], shape=np.log([8e-6, 1e-9, 1e-3])).model(np.array([5.0, 0.0]), 0.0)
-    assert dahl.name == "dahl"
-
-
-def test_the_table_has_the_interval_of_the_coulomb_force() -> None:
-    """Up to 4.8 half-widths were missing beside an interval of the force that held it."""
-    covariance = np.diag([1e-4, 4e-4, 9e-4, 0.01, 1e-4]) ** 2
-    best = SimpleNamespace(elements=LAWS[2][0])
-    choice = SimpleNamespace(best=best, covariance=covariance)
-    found: Any = SimpleNamespace(choice=choice, forces=np.array([5.0, 0.4]), coulomb_error=3 * 1.96 * 0.01)
-    fit = law_component(found, 2.0, 0.1)
-    deviations = dict(zip(fit.parameters, fit.standard_deviation, strict=True))
-    assert deviations["coulomb_force"] == pytest.approx(3 * 0.01, rel=1e-3)
-    assert deviations["stribeck_velocity"] == pytest.approx(3 * 9e-4 * 1e-3, rel=1e-3)
-    assert deviations["viscous_coefficient"] == pytest.approx(0.1)
-    found.coulomb_error = 0.0  # an interval that is narrower changes nothing
-    narrow = dict(zip(fit.parameters, law_component(found, 2.0, 0.1).standard_deviation, strict=True))
-    assert narrow["coulomb_force"] == pytest.approx(0.01, rel=1e-3)
 
 
 def record_of(model: FrictionModel, frequency: float, amplitude: float, mass: float = 5.0) -> Segment:
@@ -154,21 +113,6 @@ def choice_of(model: FrictionModel) -> LawChoice:
     return choose_law(signals, observer, (frequencies, -5.0 * (2 * np.pi * frequencies) ** 2 + 0j), True)
 
 
-def test_bristles_that_bend_far_and_weaken_in_fast_sliding_are_found() -> None:
-    """No start had such bristles, and a search from Dahl's law stays where nothing weakens."""
-    model = LuGre(
-        bristle_stiffness=3.1e4, bristle_damping=15.7, coulomb_force=2.6, static_force=3.5, stribeck_velocity=3.5e-3
-    )
-    speeds, frequencies = (3e-4, 1.5e-3, 7e-3), np.array([0.5, 100.0])
-    segments = tuple(record_of(model, f, v / (2 * np.pi * f)) for f in np.geomspace(3, 20, 6) for v in speeds)
-    observer = ElementObserver(friction=Frictionless(), oversampling=2)
-    inverse = frequencies, -5.0 * (2 * np.pi * frequencies) ** 2 + 0j
-    choice = choose_law(Signals(segments, {"u": "N", "y": "m"}), observer, inverse, False)
-    assert choice.best.elements.name == "lugre"
-    assert choice.best.explains, choice.residuals
-    assert choice.best.coulomb == pytest.approx(2.6, rel=1e-3)
-
-
 def test_a_law_that_noise_does_not_explain_is_nearer_than_a_dictionary(monkeypatch: pytest.MonkeyPatch) -> None:
     """A dictionary had k0 8 % and the Coulomb force 2 % wrong, where the law left 0.14 % of the thrust."""
     families = law_choice._families
@@ -212,128 +156,6 @@ def test_a_law_is_judged_by_what_the_encoder_does_to_it(error: float, monkeypatc
         assert best.coulomb == pytest.approx(10.0, rel=0.01)
 
 
-def test_a_search_does_not_begin_without_any_force() -> None:
-    """Three of four amplitudes bend elastic bristles: no force leaves least of most records, and stayed none."""
-    model = Elastoplastic(
-        bristle_stiffness=2.8e4, bristle_damping=28.0, coulomb_force=1.09, static_force=1.13,
-        stribeck_velocity=7e-4, elastic_limit_ratio=0.81,
-    )  # fmt: skip
-    segments = tuple(
-        record_of(model, f, size, 29.0) for f in np.geomspace(1, 5, 6) for size in (1e-5, 1.6e-5, 2.8e-5, 1.9e-4)
-    )
-    observer = ElementObserver(friction=Frictionless(), oversampling=2, resolution=1e-7, noise=2e-7)
-    frequencies = np.array([0.5, 100.0])
-    inverse = frequencies, -29.0 * (2 * np.pi * frequencies) ** 2 + 0j
-    records = LawRecords.from_signals(Signals(segments, {"u": "N", "y": "m"}), observer, inverse)
-    family = law_choice.LawFamily(DahlElements, [(1e-7,), (1e-5,)])
-    fit = law_choice._searched(family, records, False)
-    force = records.solve(records.deflection(fit.elements), 0.0).sizes[0]
-    assert force > 0.5  # of the wrong law, at whose width the other searches begin
-
-
-@pytest.mark.thorough
-def test_elements_that_weaken_may_be_as_stiff_as_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The stiffest threshold was 1e-4 of the largest motion, ten times that of rolling elements: no law explained."""
-    families = law_choice._families
-    monkeypatch.setattr(law_choice, "_families", lambda *given: itertools.islice(families(*given), 0, None, 4))
-    model = GeneralizedMaxwellSlip(
-        stiffness=(4.0 / 0.3e-6, 6.0 / 8e-6), force_fractions=(0.4, 0.6), coulomb_force=10.0, static_force=12.0,
-        stribeck_velocity=2e-3, attraction_rate=300.0,
-    )  # fmt: skip
-    choice = choice_of(model)  # whose motion reaches 9.5 mm
-    assert choice.best.elements.name == "gms"
-    assert choice.best.explains, choice.residuals
-    assert choice.best.coulomb == pytest.approx(10.0, rel=2e-3)
-
-
-MISLED = pytest.mark.xfail(strict=True, reason="elements that weaken leave less than the right law: 16 % off, not ok")
-
-
-@pytest.mark.parametrize(
-    ("laws", "lowest"),
-    [pytest.param(1, 3.0, id="rolling"), pytest.param(5, 1.0, id="all", marks=[pytest.mark.thorough, MISLED])],
-)
-def test_laws_are_compared_with_the_weights_that_the_encoder_gives(
-    laws: int, lowest: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """An encoder moves stiff bristles: one law left as much as another there, and a wrong one was 8.8 % off."""
-    families = law_choice._families
-    monkeypatch.setattr(law_choice, "_families", lambda *given: islice(families(*given), laws))
-    draws, errors = np.random.default_rng(1), np.random.default_rng(3)
-    widths = np.geomspace(1.8e-7, 1.3e-5, 23)
-    limits = 14.6 * np.sqrt(widths) / np.sqrt(widths).sum()
-    damping = 4e-5 * limits / widths * draws.uniform(0.5, 2, widths.size)
-    model = Rolling(stiffness=limits / widths, limit_force=limits, damping=damping, viscous_coefficient=1000.0)
-    segments = []
-    for frequency in np.geomspace(lowest, 60, 12):
-        for speed in (1e-4, 1e-3, 5e-3, 0.04):
-            record = record_of(model, frequency, speed / (2 * np.pi * frequency))
-            y = record.channels["y"] + 2e-7 * errors.normal(size=record.channels["y"].shape)
-            channels = {**record.channels, "y": 1e-7 * np.round(y / 1e-7)}
-            segments.append(replace(record, channels=channels))
-    observer = ElementObserver(friction=Frictionless(), oversampling=4, noise=2e-7, resolution=1e-7)
-    frequencies = np.array([0.5, 100.0])
-    inverse = frequencies, -5.0 * (2 * np.pi * frequencies) ** 2 + 0j
-    choice = choose_law(Signals(tuple(segments), {"u": "N", "y": "m"}), observer, inverse, True)
-    assert choice.best.elements.name == "rolling"
-    assert choice.best.coulomb == pytest.approx(14.6, rel=0.01)
-    assert choice.best.residual < law_choice.GOOD  # 11 with the weights of the search
-    others = [residual for name, residual in choice.residuals.items() if name != "rolling"]
-    assert min(others, default=np.inf) > law_choice.EQUAL_RATIO * choice.best.residual  # gms 1.1 with those weights
-
-
-@pytest.mark.parametrize(
-    "elements", [RollingElements(np.zeros(1), THRESHOLDS), WeakeningElements(np.zeros(3), THRESHOLDS)]
-)
-def test_elements_without_a_force_keep_their_thresholds(elements: RollingElements | WeakeningElements) -> None:
-    """A law that no record shows was refined to one without elements, and the whole estimate failed."""
-    found = elements.refine(np.zeros(elements.is_coulomb.size))
-    assert isinstance(found, type(elements))
-    np.testing.assert_array_equal(found.thresholds, THRESHOLDS)
-
-
-def test_no_force_weakens_later_than_the_records_show() -> None:
-    """A force that weakens within a year is the static one in all records, and says nothing of the Coulomb force."""
-    slow, slowest = (WeakeningElements(np.log([0.5, 1e-3, rate]), THRESHOLDS, 2.0) for rate in (1e-9, 1e-12))
-    # breakaway at 0.04 Stribeck velocities, then half a period of 1 Hz at 40 of them
-    y = np.concatenate([4e-5 * np.arange(4000) / 4000, 4e-5 + 2e-2 * np.arange(2001) / 2000])
-    force = slow.model(np.array([1.0, 1.0, 1.0]), 0.0).force(y, 0.5 / 2000)
-    assert force[3999] == pytest.approx(3 * 1.5, rel=0.01)
-    after = force[-1] / 3
-    assert after == pytest.approx(1 + 0.5 * np.exp(-1.0), rel=0.01)
-    motion = Motion(1e-3 * np.sin(2 * np.pi * np.arange(400) / 400), 1e-3, True)
-    np.testing.assert_allclose(slow.columns(motion), slowest.columns(motion), rtol=1e-6)
-
-
-@pytest.mark.thorough
-def test_a_misled_lugre_law_is_not_the_only_start_of_elastoplastic_bristles() -> None:
-    model = Elastoplastic(
-        bristle_stiffness=2.84e5, bristle_damping=190.0, coulomb_force=4.53, static_force=4.62,
-        stribeck_velocity=3.4e-3, elastic_limit_ratio=0.427,
-    )  # fmt: skip
-    choice = choice_of(model)
-    assert choice.best.elements.name == "elastoplastic"
-    assert choice.best.explains, choice.residuals
-    assert choice.best.coulomb == pytest.approx(4.53, rel=1e-3)
-
-
-def test_elements_that_slide_in_few_records_are_elements_still() -> None:
-    limits, widths = np.array([0.1, 0.2, 0.3]), np.array([3e-6, 3e-5, 1.6e-4])  # the motion reaches 1 mm
-    model = Rolling(stiffness=limits / widths, limit_force=limits, damping=4 * SAMPLE_TIME * limits / widths)
-    speeds = (1e-3, 3e-3, 6.3e-3)
-    segments = tuple(record_of(model, f, v / (2 * np.pi * f)) for f in np.geomspace(3, 20, 6) for v in speeds)
-    signals, observer = (
-        Signals(segments, {"u": "N", "y": "m"}),
-        ElementObserver(friction=Frictionless(), oversampling=4),
-    )
-    frequencies = np.array([0.5, 100.0])
-    choice = choose_law(signals, observer, (frequencies, -5.0 * (2 * np.pi * frequencies) ** 2 + 0j), False)
-    assert choice.best.explains, choice.residuals
-    assert choice.best.elements.name == "rolling"  # and not what weakens
-    assert choice.best.coulomb == pytest.approx(0.6, rel=0.01)
-    assert choice.interval[0] <= 0.6 <= choice.interval[1]
-
-
 @pytest.mark.thorough
 def test_a_profile_ends_at_the_best_shape_of_all_records() -> None:
     model, noise = LAWS[2][0].model(np.array([5.0, 0.4]), 0.0), np.random.default_rng(5)
@@ -367,33 +189,3 @@ def _least(records: LawRecords, profile: LawProfile, force: float | None) -> flo
     start = np.array([profile.dead_time, *profile.elements.shape])
     simplex = start + np.vstack([np.zeros(4), np.diag([1e-5, 0.02, 0.05, 0.05])])
     return float(minimize(cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxfev": 400}).fun)
-
-
-def test_records_count_less_where_the_encoder_moves_friction() -> None:
-    limits, widths = np.array([2.0, 3.0]), np.array([1e-6, 4e-6])
-    law, sizes = RollingElements(np.log([1e-12]), widths), np.append(limits, np.zeros(4))
-    speeds = (1e-5, 1e-3, 8e-3)  # the first one moves 1.6 µm
-    segments = tuple(record_of(law.model(sizes, 0.0), 1.0, v / (2 * np.pi)) for v in speeds)
-    observer = ElementObserver(friction=Frictionless(), oversampling=2, noise=1e-6)
-    frequencies = np.array([0.5, 100.0])
-    inverse = frequencies, -5.0 * (2 * np.pi * frequencies) ** 2 + 0j
-    records = LawRecords.from_signals(Signals(segments, {"u": "N", "y": "m"}), observer, inverse)
-    added = (records.with_friction_noise(law, sizes).variance - records.variance)[0]
-    # where nothing slides the error of a phasor is 2/2000 of 1 µm²/2, times the stiffness squared
-    spring = float(np.sum(limits / widths)) ** 2 * 1e-12 / 2000
-    assert 0.3 * spring < added[0] < 4 * spring
-    assert added[2] < 0.03 * added[0]
-
-
-def test_the_order_of_frequencies_has_no_effect_on_errors() -> None:
-    model = LAWS[2][0].model(np.array([5.0, 0.4]), 0.0)
-    segments = tuple(record_of(model, f, 0.01 / f) for f in (40.0, 2.0, 10.0) for _ in range(3))
-    signals, observer = Signals(segments, {"u": "N", "y": "m"}), ElementObserver(friction=Frictionless(), noise=1e-7)
-    observer = observer.model_copy(update={"oversampling": 2})
-    frequencies = np.array([40.0, 2.0, 10.0])  # as they were played: the highest one first
-    inverse = -5.0 * (2 * np.pi * frequencies) ** 2 + 0j
-    shuffled, ordered = (
-        LawRecords.from_signals(signals, observer, (frequencies[order], inverse[order]))
-        for order in ([0, 1, 2], [1, 2, 0])
-    )
-    np.testing.assert_allclose(shuffled.variance, ordered.variance, rtol=1e-12)

@@ -85,10 +85,6 @@ def virgin(x):
     return np.interp(x, [0.0, *knots], [0.0, *curve["coulomb_force"] * shape / shape[-1]])
 
 
-def plant_of(registry, result):
-    return create(registry, Plant, next(fit.component for fit in result.fits if fit.kind == "plant"))
-
-
 def friction_of(registry, result):
     return create(registry, FrictionModel, next(fit.component for fit in result.fits if fit.kind == "friction"))
 
@@ -164,15 +160,6 @@ def test_the_friction_model_is_ready_for_the_proposed_method(registry, two_ampli
     assert fit.covariance.shape == (2 * count + 1, 2 * count + 1)
     variances = np.linalg.eigvalsh(fit.covariance / np.outer(fit.values, fit.values))
     assert variances[0] > -1e-9 * variances[-1]
-
-
-@pytest.mark.thorough
-def test_without_noise_and_scale_little_is_left(recorded):
-    exact = {"noise": 0.0, "resolution": 0.0}
-    metrics = numbers(identified(recorded(stepped(12.0, 24.0), **exact), **exact))
-    assert metrics["k0"] == pytest.approx(0.132, rel=2e-4)
-    assert metrics["f1"] == pytest.approx(38.8, abs=2e-3)
-    assert metrics["Coulomb force"] == pytest.approx(17.9, rel=1e-3)
 
 
 @pytest.mark.thorough

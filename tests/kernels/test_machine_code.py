@@ -4,7 +4,6 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -91,12 +90,6 @@ def bench(tmp_path: Path) -> Bench:
 
 
 @pytest.mark.thorough
-def test_a_second_process_loads_what_the_first_one_has_compiled(bench: Bench) -> None:
-    assert bench.use() == ("[0.0, 2.0, 4.0]", 2)  # what all laws share, and the law
-    assert bench.use() == ("[0.0, 2.0, 4.0]", 0)
-
-
-@pytest.mark.thorough
 def test_an_edited_law_or_constant_is_compiled_again_and_nothing_else(bench: Bench) -> None:
     bench.share_what_all_laws_share()
     bench.use()
@@ -144,14 +137,13 @@ FORMAT_FAULT = (
 )
 
 
-@pytest.mark.parametrize("damage", [with_a_flipped_bit, thorough(lambda _: b""), thorough(lambda _: b"nonsense")])
 @pytest.mark.thorough
-def test_a_damaged_kernel_is_compiled_again(bench: Bench, damage: Callable[[bytes], bytes]) -> None:
+def test_a_damaged_kernel_is_compiled_again(bench: Bench) -> None:
     bench.share_what_all_laws_share()
     shared = bench.kernels()
     bench.use()
     for path in set(bench.kernels()) - set(shared):
-        path.write_bytes(damage(path.read_bytes()))
+        path.write_bytes(with_a_flipped_bit(path.read_bytes()))
     assert bench.use()[0] == "[0.0, 2.0, 4.0]"
     assert bench.use() == ("[0.0, 2.0, 4.0]", 0)
 
@@ -176,17 +168,3 @@ def test_a_law_that_cannot_be_compiled_is_named_with_its_file_and_line(bench: Be
         at for at, text in enumerate((bench.plugins / "spring.py").read_text().splitlines()) if line in text
     )
     assert f"Spring.advance (spring.py, line {number}) cannot be compiled: {said}" in last
-
-
-@pytest.mark.thorough
-def test_what_a_law_raises_in_compiled_code_is_raised(tmp_path: Path) -> None:
-    bench = Bench(tmp_path)
-    bench.share_what_all_laws_share()
-    bench.write(line='if dy > 1e9:\n            raise ValueError("too far")')
-    code = USE.replace("2.0])", "2e10])")
-    command = [sys.executable, "-c", code, str(bench.plugins)]
-    environment = {**os.environ, "FRAEXP_CACHE_DIR": str(bench.cache)}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    told = done.stderr.splitlines()[-1]
-    assert told.endswith("(spring.py, line 20) fails on dy = 2e+10 m in 0.001 s: ValueError: too far")

@@ -68,26 +68,8 @@ def test_the_response_is_that_of_the_friction_left_over(gain: float, amplitude: 
     assert np.abs(error).max() <= 0.2
 
 
-@pytest.mark.thorough
-def test_without_a_share_the_loop_is_that_without_compensation() -> None:
-    with_none = simulate_loop(
-        Machine(
-            TABLE,
-            FRICTION,
-            LEAD,
-            ControlLoop(sample_time=500e-6, input_dead_time=DEAD_TIME),
-            Numerics(steps_per_sample=5),
-        ),
-        SteppedSine(amplitude=12.0, frequencies=FREQUENCIES, settling_tolerance=1e-5, settling_timeout=10),
-        lambda _: None,
-    )
-    assert "compensation" not in with_none.segments[0].channels
-    for segment, plain in zip(compensated(0.0, 12.0).segments, with_none.segments, strict=True):
-        assert np.allclose(segment.channels["y"], plain.channels["y"], rtol=0, atol=1e-15)
-
-
 def test_too_much_of_it_is_an_outcome() -> None:
-    signals = compensated(30.0, 12.0, stroke=5e-3)
+    signals = compensated(30.0, 12.0, divergence_limit=5e-3)
     assert signals.outcome is Outcome.DIVERGED
 
 

@@ -12,7 +12,6 @@ from fraexp_plugins.friction.lugre import LuGre
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.registry import create
 from fraexp.testing.interpreted_model import interpreted_class
-from tests.examples import some, thorough
 from tests.machines import FRICTIONLESS, guide
 
 PARTS = (
@@ -25,9 +24,8 @@ WALK = np.cumsum(np.random.default_rng(1).normal(0, 3e-6, 3000))
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("count", some([1, 2, 3, 4], 3))
-def test_a_composite_is_the_sum_of_its_parts_to_the_last_bit(count):
-    parts = PARTS[:count]
+def test_a_composite_is_the_sum_of_its_parts_to_the_last_bit():
+    parts = PARTS[:3]
     total = np.zeros(WALK.size)
     for part in reversed(parts):
         total = part.force(WALK, 1e-4) + total
@@ -37,18 +35,12 @@ def test_a_composite_is_the_sum_of_its_parts_to_the_last_bit(count):
     assert composite.max_stiffness == pytest.approx(sum(part.max_stiffness for part in parts))
 
 
-@pytest.mark.parametrize("made", [interpreted_class(Composite), thorough(Composite)], ids=["in Python", "compiled"])
-def test_a_composite_may_hold_composites_and_the_same_model_twice(made):
+def test_a_composite_may_hold_composites_and_the_same_model_twice():
+    made = interpreted_class(Composite)
     inner = Composite(parts=(PARTS[1], PARTS[1]))
     both = made(parts=(inner, FRICTIONLESS, inner))
     assert np.allclose(both.force(WALK, 1e-4), 4 * PARTS[1].force(WALK, 1e-4), rtol=1e-13)
     assert both.viscous == 6.0
-
-
-@pytest.mark.thorough
-def test_composites_of_other_numbers_share_nothing():
-    first, second = (Composite(parts=(guide(), Dahl(stiffness=2e5, coulomb_force=c))) for c in (1.0, 5.0))
-    assert np.max(np.abs(second.force(WALK, 1e-4) - first.force(WALK, 1e-4))) > 3.0
 
 
 def test_every_preset_makes_a_model_that_resists(registry):

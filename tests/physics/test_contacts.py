@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from fraexp_plugins.controllers.pid import Pid
 from fraexp_plugins.friction.composite import Composite
-from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.plants.modal import Modal
 
 from fraexp.analysis.fourier import phasors
@@ -15,7 +14,6 @@ from fraexp.errors import ParameterError
 from fraexp.simulation import loop_setup
 from tests.examples import some
 from tests.machines import FRICTIONLESS, TABLE, guide, simulated
-from tests.physics.fine_bodies import FineLoop, Sliders
 from tests.physics.harmonic_balance import Elements, solve_contacts
 
 SAMPLE = 500e-6
@@ -60,33 +58,6 @@ def laws(plant: Plant, scale: float):
     }
 
 
-def fine_loop(plant, frictions, controller):
-    bodies = plant.bodies
-    contacts = [
-        Sliders(bodies.contacts[name], np.array(law.stiffness), np.array(law.limit_force), law.viscous_coefficient)
-        for name, law in frictions.items()
-    ]
-    return FineLoop(
-        bodies.mass, bodies.damping, bodies.stiffness, contacts, next(iter(bodies.thrusts.values())),
-        bodies.positions, *controller.transfer_function(SAMPLE), SAMPLE, 2,
-    )  # fmt: skip
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", list(CONTROLLERS))
-def test_machines_agree_with_an_independent_simulation(registry, name):
-    plant, controller, amplitude = example(registry, name), CONTROLLERS[name], AMPLITUDES[name]
-    frictions = laws(plant, amplitude)
-    frequency = 25.0
-    signals = simulated(frictions, (frequency,), amplitude, plant=plant, controller=controller, steps=40)
-    assert signals.outcome is Outcome.OK
-    samples = round(1 / (frequency * SAMPLE))
-    exact = fine_loop(plant, frictions, controller).responses(amplitude, samples, 60, 12)
-    fed_back, *others = plant.ports().closed_by("", "").positions
-    for channel, position in [("y", fed_back), *((f"y.{each}", each) for each in others)]:
-        assert responses(signals, channel)[0] == pytest.approx(exact[position], rel=1e-4)
-
-
 def balanced(plant, frictions, controller, frequency, amplitude):
     """Return y/u of each position by harmonic balance; the hold's images are neglected."""
     bodies, names = plant.bodies, list(frictions)
@@ -128,16 +99,6 @@ def test_machines_agree_with_harmonic_balance(registry, name):
 
 
 @pytest.mark.thorough
-def test_two_laws_at_one_place_are_their_sum(table):
-    first, second = guide(10.0, 30e-6, 3.0, elements=6), guide(8.0, 50e-6, 2.0, elements=5)
-    apart = simulated({"nut": first, "guide": second}, (2.0, 25.0), 40.0, plant=table)
-    together = simulated(Composite(parts=(first, second)), (2.0, 25.0), 40.0)
-    assert responses(apart) == pytest.approx(responses(together), rel=1e-11)
-    both = apart.segments[0].channels["friction.nut"] + apart.segments[0].channels["friction.guide"]
-    np.testing.assert_allclose(both, together.segments[0].channels["friction"], rtol=0, atol=1e-9)
-
-
-@pytest.mark.thorough
 def test_the_implicit_solution_is_that_of_the_sum(table, monkeypatch):
     """Two contacts at one place are the hardest case: what one gives way, the other takes over."""
     monkeypatch.setattr(loop_setup, "is_friction_soft", lambda *_: False)
@@ -156,18 +117,6 @@ def test_both_paths_agree(registry, monkeypatch):
     in_lanes = responses(simulated(frictions, (4.0, 60.0), 300.0, **settings))
     monkeypatch.setattr(loop_setup, "is_friction_soft", lambda *_: False)
     assert responses(simulated(frictions, (4.0, 60.0), 300.0, **settings)) == pytest.approx(in_lanes, rel=1e-5)
-
-
-@pytest.mark.thorough
-def test_laws_of_all_kinds_act_together(registry):
-    """A stop of Coulomb friction, an elastoplastic bristle and a contact without friction."""
-    plant = example(registry, "ball_screw")
-    stop = Coulomb(coulomb_force=40.0, stiction_displacement=2e-6)
-    bristle = example(registry, "elastoplastic", "friction")
-    frictions = {"motor": stop, "nut": bristle, "guide": FRICTIONLESS}
-    signals = simulated(frictions, (5.0, 40.0), 300.0, plant=plant, controller=CONTROLLERS["ball_screw"], steps=0)
-    assert signals.outcome is Outcome.OK
-    assert np.abs(signals.segments[0].channels["friction.motor"]).max() == pytest.approx(40.0)
 
 
 @pytest.mark.thorough

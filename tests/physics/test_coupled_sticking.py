@@ -13,6 +13,7 @@ from fraexp_plugins.plants.two_mass import TwoMass
 
 from fraexp.data.results import Outcome
 from fraexp.execution.certificate import certify
+from tests.examples import some
 from tests.machines import TABLE, decibel, simulated
 from tests.physics.coupled_events import Dry, EventLoop, Stop
 from tests.physics.test_contacts import AMPLITUDES, CONTROLLERS, SAMPLE, TwoPlaces, example, responses
@@ -50,7 +51,7 @@ def drawn_machine(registry, name, seed):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", [3, 11, 12])
+@pytest.mark.parametrize("seed", [3])
 @pytest.mark.parametrize("name", ["two_mass", "ball_screw", "flexible_joint"])
 def test_machines_agree_with_event_location(registry, name, seed):
     """Of y and each other position, relative to the greatest."""
@@ -113,10 +114,9 @@ def test_a_load_that_sticks_has_no_response_that_counts():
     assert "at 1 of 1 frequencies (150 Hz) friction holds y.load" in certified["y.load"].message
 
 
-@pytest.mark.parametrize("forces", [(8.0, 6.0), (3.0, 9.0)])
-def test_frequencies_at_which_a_load_sticks_take_no_others_with_them(forces):
+def test_frequencies_at_which_a_load_sticks_take_no_others_with_them():
     """Steps so fine that their error does not count show which responses are right."""
-    frictions = dict(zip(("motor", "load"), (Coulomb(coulomb_force=force) for force in forces), strict=True))
+    frictions = {"motor": Coulomb(coulomb_force=8.0), "load": Coulomb(coulomb_force=6.0)}
     frequencies = (10.0, 25.0, 40.0, 60.0, 80.0, 100.0, 125.0, 150.0)
     signals = on_drive(frictions, frequencies)
     stands = np.array([np.ptp(segment.channels["y.load"]) < 1e-9 for segment in signals.segments])
@@ -131,7 +131,9 @@ def test_frequencies_at_which_a_load_sticks_take_no_others_with_them(forces):
     assert response.numerical_error[~stands].max() < 1e-3
 
 
-@pytest.mark.parametrize("encoder", [{"resolution": 1e-7}, {"noise": 2e-8}, {"resolution": 1e-8, "noise": 1e-8}])
+@pytest.mark.parametrize(
+    "encoder", some([{"resolution": 1e-7}, {"noise": 2e-8}, {"resolution": 1e-8, "noise": 1e-8}], {"resolution": 1e-7})
+)
 def test_an_encoder_does_not_hide_that_a_load_sticks(encoder):
     """What it shows there is its own: noise, or steps that it takes because of it."""
     frictions = {"motor": Coulomb(coulomb_force=8.0), "load": Coulomb(coulomb_force=6.0)}

@@ -7,7 +7,7 @@ from fraexp_plugins.friction.rolling_force_slider import RollingForceSlider
 from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import CubicSpline
 
-from tests.machines import along, cosine, guide, harmonic, work
+from tests.machines import cosine, guide, harmonic, work
 
 BOTH = pytest.mark.parametrize("reading", [Rolling, RollingForceSlider], ids=lambda reading: reading.name)
 FC, WIDTH = 17.9, 45e-6
@@ -20,7 +20,7 @@ def generated(shape: str, elements: int = 20) -> Rolling:
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("elements", [1, 2, 20, 300])
+@pytest.mark.parametrize("elements", [1, 20])
 def test_elements_of_a_virgin_curve_pass_through_its_knots(shape, elements):
     friction = generated(shape, elements)
     knots = np.geomspace(0.01 * WIDTH, 5 * WIDTH, elements) if elements > 1 else np.array([5 * WIDTH])
@@ -44,7 +44,7 @@ def test_a_straight_piece_of_a_table_needs_no_element():
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("amplitude", [5e-6, 50e-6, 200e-6])
+@pytest.mark.parametrize("amplitude", [5e-6, 200e-6])
 def test_energy_and_describing_function_of_a_masing_model(shape, amplitude):
     """Both follow from the virgin curve alone; 300 elements lie within 1e-4 of the smooth one."""
     y, scale = cosine(amplitude), FC / SHAPES[shape](5 * WIDTH)
@@ -63,37 +63,6 @@ def test_no_energy_is_lost_where_nothing_slips():
     friction = guide()
     y = cosine(0.99 * float(np.min(friction.limit_deflection)))
     assert abs(work(friction.force(y, 1e-4, periodic=True), y)) < 1e-12 * sum(friction.limit_force) * y[0]
-
-
-def test_return_points_are_remembered_exactly():
-    """Whatever happened within a loop is wiped out when it closes; Dahl and LuGre fail here."""
-    micrometre = 2.0**-20  # displacements and limits that floating point holds exactly
-    friction = Rolling(stiffness=(2.0**20,) * 3, limit_force=(0.25, 0.75, 1.5))
-    visits = [0, 1.5, -1.25, 1, -0.25, 0.75, -0.25, 1, -1.25, 1.5]
-    force = friction.force(along(*visits, points=32) * micrometre, 1e-4)[::32]
-    assert force[1] == force[9]
-    assert force[2] == force[8]
-    assert force[3] == force[7]
-    assert force[4] == force[6]
-
-
-def test_minor_loops_between_the_same_ends_are_congruent():
-    friction, ends = guide(viscous=0.0), (10e-6, 25e-6) * 2 + (10e-6,)
-    loops = []
-    for history in ((0, 80e-6), (0, -30e-6), (0, 60e-6, -5e-6, 40e-6)):
-        force = friction.force(along(*history, *ends), 1e-4)[-401:]
-        loops.append(force - force[0])
-    assert np.ptp(loops, axis=0).max() < 1e-13 * sum(friction.limit_force)
-
-
-def test_order_does_not_matter_and_elements_of_equal_width_merge():
-    walk = np.cumsum(np.random.default_rng(1).normal(0, 3e-6, 3000))
-    four = Rolling(stiffness=(3e5, 1e5, 2e5, 5e4), limit_force=(3.0, 2.0, 2.0, 1.0))
-    turned = Rolling(stiffness=(5e4, 2e5, 1e5, 3e5), limit_force=(1.0, 2.0, 2.0, 3.0))
-    merged = Rolling(stiffness=(5e5, 1.5e5), limit_force=(5.0, 3.0))
-    force = four.force(walk, 1e-4)
-    assert np.allclose(turned.force(walk, 1e-4), force, rtol=0, atol=1e-14 * 8)
-    assert np.allclose(merged.force(walk, 1e-4), force, rtol=0, atol=1e-14 * 8)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -118,31 +87,6 @@ def test_damped_elements_whose_slider_has_time_to_rest_agree(reading):
     friction = reading(stiffness=(3.0,), limit_force=(1.2,), damping=(0.02,))
     found = harmonic(friction.force(cosine(1.0), 2 * np.pi / 20.0 / 20_000, periodic=True))
     assert found == pytest.approx(1.0023 + 1.0504j, abs=1e-4)
-
-
-def by_differential_equation(stiffness: float, limit: float, damping: float, omega: float) -> complex:
-    """Return the describing function of one force slider behind spring and dashpot, at 1 m."""
-
-    def right(time: float, z: np.ndarray) -> list[float]:
-        v = -omega * np.sin(omega * time)
-        trial = stiffness * z[0] + damping * v
-        return [v if abs(trial) <= limit else (np.sign(trial) * limit - stiffness * z[0]) / damping]
-
-    period = 2 * np.pi / omega
-    time = 5 * period + np.arange(2000) * period / 2000
-    z = solve_ivp(right, (0, 6 * period), [0.0], t_eval=time, rtol=1e-6, atol=1e-9, max_step=period / 500).y[0]
-    force = np.clip(stiffness * z - damping * omega * np.sin(omega * time), -limit, limit)
-    return harmonic(force)
-
-
-def test_damped_elements_whose_slider_has_no_time_to_rest_differ():
-    """With D/K = 67 ms the two readings part by more than 5 %; the force slider obeys its differential equation."""
-    parameters = {"stiffness": (3.0,), "limit_force": (1.2,), "damping": (0.2,)}
-    step = 2 * np.pi / 20.0 / 20_000
-    by_deflection = harmonic(Rolling(**parameters).force(cosine(1.0), step, periodic=True))
-    by_force = harmonic(RollingForceSlider(**parameters).force(cosine(1.0), step, periodic=True))
-    assert by_force == pytest.approx(by_differential_equation(3.0, 1.2, 0.2, 20.0), abs=2e-3)
-    assert abs(by_deflection - by_force) > 0.05 * abs(by_force)
 
 
 def stored(friction: Rolling | RollingForceSlider, walk: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:

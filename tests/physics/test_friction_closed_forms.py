@@ -71,38 +71,6 @@ def test_energy_per_cycle_is_four_times_force_times_excess_stroke():
     assert found == pytest.approx(expected, rel=1e-6)
 
 
-def test_branches_follow_masing_and_return_points_are_remembered():
-    friction = guide(viscous=0.0)
-    path = np.concatenate([np.linspace(a, b, 400) for a, b in [(0, 60e-6), (60e-6, -40e-6), (-40e-6, 60e-6)]])
-    force = friction.force(path, 1e-4)
-    virgin = friction.force(np.linspace(0, 50e-6, 400), 1e-4)
-    assert np.allclose(force[399] - force[400:800], 2 * virgin, atol=1e-12)  # half the path, twice the force
-    assert force[-1] == pytest.approx(force[399], abs=1e-12)
-
-
-def test_stiffness_after_a_reversal_is_the_sum_of_all():
-    friction = guide()
-    path = np.array([0.0, 50e-6, 50e-6 - 1e-7])
-    force = friction.force(path, 1e-4)
-    assert (force[1] - force[2]) / 1e-7 == pytest.approx(friction.max_stiffness, rel=1e-9)
-
-
-def test_viscoelastic_elements_add_damping_below_slip():
-    friction = Rolling(stiffness=(3.0,), limit_force=(30.0,), damping=(0.02,))
-    omega, points = 2 * np.pi * 5, 4000
-    step = 2 * np.pi / omega / points
-    found = harmonic(friction.force(cosine(1.0, points), step, periodic=True))
-    assert found == pytest.approx(3.0 + 1j * omega * 0.02, rel=1e-3)
-
-
-def test_force_is_bounded_and_odd():
-    friction = guide()
-    path = np.cumsum(np.random.default_rng(3).normal(0, 2e-6, 5000))
-    force = friction.force(path, 1e-4)
-    assert np.max(np.abs(force)) <= sum(friction.limit_force) * (1 + 1e-12)
-    assert np.array_equal(friction.force(-path, 1e-4), -force)
-
-
 def test_the_compiled_law_equals_plain_python_to_the_last_bit():
     friction = guide()
     path = np.cumsum(np.random.default_rng(5).normal(0, 2e-6, 300))

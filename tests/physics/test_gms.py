@@ -3,34 +3,11 @@
 import numpy as np
 import pytest
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
-from fraexp_plugins.friction.rolling import Rolling
 
-from tests.machines import cosine, guide, harmonic
+from tests.machines import cosine, harmonic
 
 REFERENCE = GeneralizedMaxwellSlip.parse(GeneralizedMaxwellSlip.presets["reference"], "gms")
 LEVEL = REFERENCE.model_copy(update={"static_force": 1.0})
-AS_ROLLING = Rolling(stiffness=LEVEL.stiffness, limit_force=(0.1,) * 10)
-
-
-@pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize("size", [1e-7, 2e-6, 3e-5])
-def test_with_static_as_coulomb_friction_it_is_the_rolling_model(seed, size):
-    walk = np.cumsum(np.random.default_rng(seed).normal(0, size, 5000))
-    assert np.max(np.abs(LEVEL.force(walk, 1e-4) - AS_ROLLING.force(walk, 1e-4))) < 1e-14
-
-
-def test_the_table_with_static_as_coulomb_friction_is_its_rolling_guide():
-    friction = guide()
-    total = sum(friction.limit_force)
-    level = GeneralizedMaxwellSlip(
-        stiffness=friction.stiffness,
-        force_fractions=tuple(force / total for force in friction.limit_force),
-        coulomb_force=total,
-        static_force=total,
-        attraction_rate=500.0,
-    )
-    y = cosine(90e-6)
-    assert np.allclose(level.force(y, 1e-4), friction.force(y, 1e-4), rtol=0, atol=1e-12 * total)
 
 
 def hysteresis(frequency: float, attraction: float) -> float:
@@ -109,9 +86,3 @@ def test_what_was_before_may_decide_the_periodic_force():
     level = one.model_copy(update={"static_force": 1.0})
     swings = [abs(harmonic(level.force(path, step)[-y.size :])) for path in (at_rest, rising)]
     assert swings[0] == pytest.approx(swings[1], rel=1e-9)  # the rolling model forgets
-
-
-def test_the_force_never_exceeds_static_friction():
-    walk = np.cumsum(np.random.default_rng(7).normal(0, 5e-6, 20_000))
-    for step in (1e-5, 1e-3, 1.0):
-        assert np.max(np.abs(REFERENCE.force(walk, step))) <= 1.5 * (1 + 1e-12)

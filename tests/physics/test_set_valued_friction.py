@@ -38,9 +38,7 @@ def expected(frequency, seconds, rest=0.0):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("frequency", "seconds"), [(6.37, 2.0), (2.94, 3.0), (20.0, 3.0), (140.0, 15.0), (205.9, 15.0)]
-)
+@pytest.mark.parametrize(("frequency", "seconds"), [(6.37, 2.0), (205.9, 15.0)])
 def test_coulomb_friction_is_set_valued_in_the_loop(frequency, seconds):
     """A stop of 0.1 µm is 7 dB off at 205.9 Hz, and 3 dB at 140 Hz; one of 1e-10 m still 0.09 dB."""
     ratio = found(COULOMB, frequency) / expected(frequency, seconds)
@@ -49,9 +47,8 @@ def test_coulomb_friction_is_set_valued_in_the_loop(frequency, seconds):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("frequency", "seconds", "steps"), [(20.0, 3.0, 0), (140.0, 15.0, 0), (140.0, 15.0, 61)])
-def test_a_dead_time_may_end_within_a_sample(frequency, seconds, steps):
-    ratio = found(COULOMB, frequency, steps, 0.37 * SAMPLE_TIME) / expected(frequency, seconds, 0.37 * SAMPLE_TIME)
+def test_a_dead_time_may_end_within_a_sample():
+    ratio = found(COULOMB, 20.0, rest=0.37 * SAMPLE_TIME) / expected(20.0, 3.0, 0.37 * SAMPLE_TIME)
     assert abs(ratio - 1) < 1e-4
 
 

@@ -9,14 +9,14 @@ from fraexp.cli.summary import print_summary
 from fraexp.store import Store
 from fraexp.workspace.workspace_service import WorkspaceService
 
-RIGHT = "nominal P_d"
+RIGHT, COUNT = "nominal P_d", 8
 
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory):
     folder = tmp_path_factory.mktemp("robustness")
     found = WorkspaceService.open(folder)
-    *_, ended = found.run(["positioning/robustness"], executor="serial", overrides=["monte_carlo.count=25"])
+    *_, ended = found.run(["positioning/robustness"], executor="serial", overrides=[f"monte_carlo.count={COUNT}"])
     assert ended.state == "complete"
     assert [path.name for path in ended.figures] == ["robustness.png"]
     return found
@@ -40,7 +40,7 @@ def column(stored, case, name):
 def test_a_wrong_model_costs_more_than_the_tolerances(stored):
     (wrong,) = {sweep.labels["case"] for sweep in stored[0]} - {RIGHT}
     (_, nominal), (_, error) = (column(stored, case, "overshoot") for case in (RIGHT, wrong))
-    assert nominal.size == error.size == 25
+    assert nominal.size == error.size == COUNT
     assert (error > nominal).all(), "on each machine"
     assert np.isnan(column(stored, wrong, "settling time")[1]).all()
     assert np.isfinite(column(stored, RIGHT, "settling time")[1]).any()
@@ -50,7 +50,7 @@ def test_a_wrong_model_costs_more_than_the_tolerances(stored):
 def test_the_worst_draw_is_found_again_by_its_number_and_its_parameters(workspace, stored):
     sweeps, overshoot = column(stored, RIGHT, "overshoot")
     worst = sweeps[int(np.argmax(overshoot))]
-    (study,) = workspace.studies(["positioning/robustness"], ["monte_carlo.count=30"])
+    (study,) = workspace.studies(["positioning/robustness"], [f"monte_carlo.count={COUNT + 2}"])
     again = next(of for of in study.sweeps if of.labels == worst.labels)
     assert again.key == worst.key, "though more are drawn"
     drawn = {path: value for path, value in worst.labels.items() if "." in path}
@@ -74,7 +74,7 @@ def test_the_summary_names_the_worst_draws(workspace, stored, capsys):
     lines = [line.split() for line in printed.partition("worst draw")[2].splitlines() if RIGHT in line]
     assert lines[0][:2] == ["overshoot", "[m]"]
     assert lines[0][-2:] == [str(worst.labels["draw"]), worst.key[4:12]]
-    assert "25 values" in printed.partition("over the sweeps")[0], "draws are counted, not measured"
+    assert f"{COUNT} values" in printed.partition("over the sweeps")[0], "draws are counted, not measured"
 
 
 def test_nothing_is_worst_of_what_was_not_drawn(workspace, stored, capsys):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from fraexp.analysis.fourier import phasors
 from tests.examples import portion
-from tests.machines import FRICTIONLESS, TABLE, guide, simulated
+from tests.machines import FRICTIONLESS, guide, simulated
 
 FREQUENCIES = (4.0, 23.0, 61.0)
 SAMPLE_TIME_S = 500e-6
@@ -107,17 +107,3 @@ def test_without_friction_both_methods_agree(values):
     conventional = Conventional(refer_to_plant=True, **delays).estimate(signals).response
     proposed = EffectiveInput(friction=FRICTIONLESS, **delays).estimate(signals).response
     assert np.allclose(proposed.response, conventional.response, rtol=1e-12, atol=0)
-
-
-@settings(max_examples=portion(10))
-@given(number(5.0, 100.0), number(5.0, 100.0))
-def test_the_amplitude_drops_out(first, second):
-    friction = guide()
-    found = [
-        EffectiveInput(friction=friction, input_dead_time=1e-3)
-        .estimate(simulated(friction, FREQUENCIES, a, steps=8))
-        .response
-        for a in (first, second)
-    ]
-    assert np.max(np.abs(found[0].response / found[1].response - 1)) < 6e-4
-    assert np.max(np.abs(found[0].response / TABLE.response(2 * np.pi * found[0].frequency) - 1)) < 6e-4

@@ -1,7 +1,5 @@
 """The arrays of a batch: one row for each machine, and experiments that share one."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from fraexp.components.periods import Period, Schedule
@@ -28,20 +26,3 @@ def test_experiments_of_one_setup_share_a_machine_and_differ_in_noise() -> None:
     assert batch.machines.shape[0] == 1
     assert batch.jobs["machine"].tolist() == [0, 0, 0]
     assert len(set(batch.jobs["seed"].tolist())) == 3
-
-
-def test_setups_are_counted_in_the_order_of_their_experiments() -> None:
-    one = setup()
-    other = replace(one, frictions={"table": FRICTIONLESS}, reference=1e-3)
-    batch = prepare_batch(plans([one, other, one, other]), one)
-    assert batch.machines.shape[0] == 2
-    assert batch.jobs["machine"].tolist() == [0, 1, 0, 1]
-    assert batch.jobs["reference"].tolist() == [0.0, 1e-3, 0.0, 1e-3]
-
-
-def test_periods_lie_one_after_another_before_silence() -> None:
-    one = setup()
-    batch = prepare_batch(plans([one, one]), one)
-    assert batch.jobs["first_sample"].tolist() == [0, 100]
-    assert batch.waveforms.size == 300
-    assert not batch.waveforms[200:].any()

@@ -52,21 +52,6 @@ def test_a_built_in_component_conforms(component: type[Component], check: Check)
     assert finding.verdict is not Verdict.SKIPPED or finding.reason
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("seed", [2, 3])
-@pytest.mark.parametrize("name", ["refinement", "energy"])
-@pytest.mark.parametrize(
-    "component", [one.component for one in discover().providers.values() if one.component.kind == "friction"]
-)
-def test_no_finding_depends_on_the_seed(
-    component: type[Component], name: str, seed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(check_report, "EXAMPLE_SEED", seed)
-    (check,) = (each for each in checks_for(component) if each.name == name)
-    finding = run_check(check, component, expectations(component).get(name))
-    assert not finding.is_failure, str(finding)
-
-
 def test_a_law_whose_steps_take_long_is_tried_on_fewer_examples(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(check_report, "MAX_SEARCH_TIME_S", 0.0)
     (check,) = (each for each in checks_for(Dahl) if each.name == "odd")

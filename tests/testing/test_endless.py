@@ -72,14 +72,6 @@ def test_the_first_trial_names_the_line_and_the_step(tmp_path: Path) -> None:
     assert "\n" not in str(raised.value)
 
 
-@pytest.mark.thorough
-def test_so_it_is_where_its_maximum_stiffness_is_asked_for(tmp_path: Path) -> None:
-    endless = "max_stiffness = property(lambda self: next(x for x in itertools.count() if Mine is None))"
-    law = discover(dropped(tmp_path, "", endless) / "plugins").create("friction", {"name": "mine"})
-    with pytest.raises(PluginError, match=r"the law of mine \(mine.py, line \d+\) .* its maximum stiffness"):
-        law.check_law()
-
-
 def test_no_further_check_is_made_of_a_law_that_does_not_return(tmp_path: Path) -> None:
     component = discover(dropped(tmp_path, FOREVER) / "plugins").provider("friction", "mine").component
     first, *others = [found for found in findings(component) if found.verdict is not Verdict.PASSED]
@@ -88,7 +80,7 @@ def test_no_further_check_is_made_of_a_law_that_does_not_return(tmp_path: Path) 
     assert {found.verdict for found in others} == {Verdict.NOT_RUN}
 
 
-@pytest.mark.parametrize("line", [*map(thorough, (FOREVER, *IN_C)), "os.abort()"])
+@pytest.mark.parametrize("line", ["os.abort()", IN_C[0]])
 @pytest.mark.thorough
 def test_check_ends_in_one_line(line: str, tmp_path: Path) -> None:
     done = fraexp(dropped(tmp_path, line), "check", "mine", "--quick")
@@ -116,7 +108,7 @@ def test_a_run_ends_in_one_line(line: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("line", [FOREVER, *IN_C])
+@pytest.mark.parametrize("line", [FOREVER, IN_C[1]])
 def test_a_trial_by_hand_ends_in_one_line(line: str, tmp_path: Path) -> None:
     with pytest.raises(PluginError, match=rf"the law of mine \(mine.py, line {LINE}\) has not returned") as raised:
         LawTrial({"name": "mine"}, SineMotion(), discover(dropped(tmp_path, line) / "plugins")).loop()

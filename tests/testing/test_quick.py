@@ -11,7 +11,6 @@ import pytest
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.components.kinds import Component
-from fraexp.components.registry import discover
 from fraexp.testing.check_catalogue import checks_for, quick_checks_for
 from fraexp.testing.check_report import Verdict, quick_findings
 from fraexp.testing.interpreted_model import interpreted_class
@@ -27,11 +26,6 @@ def named(part: object) -> str:
     return part if isinstance(part, str) else part.name
 
 
-def test_the_quick_check_sees_most_of_the_seeded_defects() -> None:
-    assert len(QUICK) == 36
-    assert len(SEEDED) == 43
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize(("component", "name"), QUICK, ids=named)
 def test_a_seeded_defect_is_found_quickly_by_name(component: type[Component], name: str) -> None:
@@ -43,12 +37,6 @@ def test_a_seeded_defect_is_found_quickly_by_name(component: type[Component], na
 @pytest.mark.parametrize("component", [defects.Element, *other_defects.SOUND], ids=named)
 def test_nothing_is_found_in_a_component_without_defect(component: type[Component]) -> None:
     assert [finding.reason for finding in quick_findings(component) if finding.verdict is not Verdict.PASSED] == []
-
-
-@pytest.mark.thorough  # in make test the whole check of each is enough
-@pytest.mark.parametrize("provider", discover().providers.values(), ids=lambda provider: f"{provider.component.name}")
-def test_nothing_is_found_in_what_is_built_in(provider) -> None:
-    assert [str(finding) for finding in quick_findings(provider.component) if finding.is_failure] == []
 
 
 def test_only_what_needs_the_compiler_or_a_simulation_is_left_out() -> None:
