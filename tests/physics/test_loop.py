@@ -237,7 +237,7 @@ class MovingReference(SteppedSine, name="moving_reference", version=1):
 
 def test_a_moving_reference_is_followed_as_the_closed_loop_says():
     loop = ControlLoop(sample_time=SAMPLE, input_dead_time=1e-3, reference=2e-3)
-    excitation = MovingReference(amplitude=1.0, frequencies=FREQUENCIES, tolerance=1e-8)
+    excitation = MovingReference(amplitude=1.0, frequencies=FREQUENCIES, settling_tolerance=1e-8)
     machine = Machine(TABLE, FRICTIONLESS, LEAD, loop, Numerics())
     signals = simulate_loop(machine, excitation, lambda _: None)
     omega = 2 * np.pi * np.array([segment.frequency[0] for segment in signals.segments])
