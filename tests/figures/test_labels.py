@@ -54,10 +54,14 @@ def test_a_number_with_a_unit_needs_no_title() -> None:
 
 
 def test_units_are_those_that_the_components_declare(registry: Registry) -> None:
-    labels = {"excitation.amplitude": 12, "estimator.name": "proposed", "estimator.friction.viscous_coefficient": 1.0}
+    labels = {
+        "excitation.amplitude": 12,
+        "estimator.name": "effective_input",
+        "estimator.friction.viscous_coefficient": 1.0,
+    }
     sections = {
         "excitation": {"name": "stepped_sine"},
-        "estimator": {"name": "proposed", "friction": {"name": "rolling"}},
+        "estimator": {"name": "effective_input", "friction": {"name": "rolling"}},
     }
     assert label_units([({**labels, "loop.seed": 3, "x": 1}, sections)], registry) == {
         "excitation.amplitude": "N",

@@ -166,7 +166,7 @@ PRINTED: tuple[dict[str, Any], ...] = (
 )
 RANDOM: tuple[dict[str, Any], ...] = (
     {"count": 3, "seed": 1, "draw": [{"paths": ["plant.gain"], "relative": 0.05}]},
-    {"count": 2, "draw": [{"paths": "friction.scale", "deviation": "1 um", "distribution": "uniform"}]},
+    {"count": 2, "draw": [{"paths": "friction.scale", "std": "1 um", "distribution": "uniform"}]},
 )
 
 
@@ -321,9 +321,9 @@ def _imports(rng: Random) -> dict[str, Any]:
     column = rng.choice((*mutation.HOSTILE, "y", "y [mm]", "y * 2"))
     name = rng.choice((*mutation.HOSTILE, "y", "y.1", 'a"b'))
     options = {
-        "period": 10,
+        "samples_per_period": 10,
         "sample_rate": 100.0,
-        rng.choice(("where", "reader", "input")): rng.choice(mutation.HOSTILE),
+        rng.choice(("select", "reader", "line_channel")): rng.choice(mutation.HOSTILE),
     }
     return {"channels": {"u": mutation.text(rng, "u [N]", CHANNELS, CHANNELS), name: column}, "options": options}
 

@@ -159,11 +159,11 @@ def test_absurd_sizes_are_refused_with_the_number(text: str, message: str, tmp_p
 
 RECORD = {"file": "a.csv", "channels": {"u": "u [N]", "y": "y [m]"}, "sample_rate": 100.0}
 RECORDS = {
-    "huge period": ({"period": 10**400}, "period is"),
+    "huge period": ({"samples_per_period": 10**400}, "samples_per_period is"),
     "tiny period": ({"period_time": 5e-324}, "a period of .* samples; expected 2 to"),
     "far lines": ({"periodic": False, "min_frequency": 1e308}, "reach 1e\\+308 Hz; expected 50 Hz at most"),
-    "no time": ({"period": 10, "time": ""}, "column is empty"),
-    "no segment": ({"period": 10, "segment": ""}, "column is empty"),
+    "no time": ({"samples_per_period": 10, "time_column": ""}, "column is empty"),
+    "no segment": ({"samples_per_period": 10, "segment_column": ""}, "column is empty"),
     "long name": ({"file": "x" * 5000, "samples_per_period": 10}, "File name too long"),
 }
 

@@ -112,7 +112,7 @@ def test_trying_a_law_does_not_need_the_compiler(tmp_path):
     code = (
         "import sys; from fraexp.components.registry import discover\n"
         "from fraexp.views.law_trial import LawTrial, SineMotion\n"
-        "trial = LawTrial({'name': 'dahl', 'stiffness': 1e5, 'coulomb': 10.0}, SineMotion(), discover())\n"
+        "trial = LawTrial({'name': 'dahl', 'stiffness': 1e5, 'coulomb_force': 10.0}, SineMotion(), discover())\n"
         "trial.describing_function()\n"
         "assert not {'numba', 'matplotlib'} & set(sys.modules)"
     )

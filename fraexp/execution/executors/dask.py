@@ -28,7 +28,7 @@ from fraexp.data.sweep import Plain
 from fraexp.errors import StudyError, UnreachedError
 from fraexp.execution.executors.dask_remote import (
     TOPIC,
-    OverdueError,
+    JobTimeoutError,
     RefusedError,
     Requirements,
     check_process,
@@ -418,7 +418,7 @@ class Dask(Workers):
                 self._refuse(member, error.reason)
             elif member:  # another process has taken its place
                 del self._members[error.address]
-        elif isinstance(error, OverdueError):
+        elif isinstance(error, JobTimeoutError):
             self._settle(task, error=WorkerLostError(self._limits.overdue_message(), is_retryable=False))
         elif _is_lost(error):
             last = error.last_worker.address

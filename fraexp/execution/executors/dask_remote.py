@@ -49,7 +49,7 @@ class RefusedError(Exception):
         """Why, as a clause that follows the worker's name; empty if its process has not been checked."""
 
 
-class OverdueError(Exception):
+class JobTimeoutError(Exception):
     """A job has exceeded its time limit."""
 
 
@@ -104,7 +104,7 @@ def check_process(run: str, theirs: Mapping[str, str | None]) -> tuple[str, dict
 def compute(run: str, number: int, sent: bytes, limit: float) -> bytes:
     """Compute a job, which is pickled with its requirements, and return its pickled answer.
 
-    RefusedError if this process does not meet them, OverdueError if an estimator takes longer than `limit` [s]; then
+    RefusedError if this process does not meet them, JobTimeoutError if an estimator takes longer than `limit` [s]; then
     the worker closes, because its thread cannot be stopped.
     """
     from distributed import get_worker
@@ -125,7 +125,7 @@ def _compute(job: Job, reporter: "_Reporter", limit: float) -> bytes:
     if end.is_overdue or end.hangs:
         reporter.end_worker()
     if end.is_overdue:
-        raise OverdueError
+        raise JobTimeoutError
     if isinstance(end.error, JobCancelled):
         return pickle.dumps([])
     if end.error is not None:  # such as a plugin's sys.exit(): the worker goes on with others
