@@ -127,7 +127,7 @@ DEFECTS = (
     ),
     Defect(
         "limits that nothing exceeds", "fraexp/measurement/motion_guard.py",
-        "value > self.share * allowed", "value > 2 * self.share * allowed", "tests/measurement/test_measurement.py",
+        "value <= share * allowed", "value <= 2 * share * allowed", "tests/measurement/test_measurement.py",
     ),
     Defect(
         "scale of a record's column", "fraexp/records/channels.py",

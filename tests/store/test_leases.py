@@ -68,6 +68,7 @@ def test_results_failures_and_the_end_of_a_run_release(store, two_runs, sweep, k
     assert store.lease_holders(keys) == {keys[2]: one, keys[3]: one}
     assert store.claim(other, keys) == {keys[1]}
     store.end_run(one, "interrupted")
+    assert store.lease_holders(keys) == {keys[1]: other}
     assert store.claim(other, keys) == {keys[1], keys[2], keys[3]}
     assert store.claim(one, keys) == set()  # it is over
 

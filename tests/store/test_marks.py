@@ -37,9 +37,12 @@ def test_tags_and_notes_come_back_and_go(store, begin, sweep):
     store.annotate(one.key, " first\nsecond ")
     assert store.tags() == {"baseline": 2, "äpfel": 1}
     assert (store.find(one.key).tags, store.find(one.key).note) == (("baseline", "äpfel"), "first\nsecond")
-    store.untag([one.key, two.key], "baseline")
+    store.annotate(two.key, "third")
+    store.untag([two.key], "baseline")
+    assert store.tags() == {"baseline": 1, "äpfel": 1}
+    store.untag([one.key], "baseline")
     store.annotate(one.key, " ")
-    assert (store.tags(), store.note(one.key)) == ({"äpfel": 1}, "")
+    assert (store.tags(), store.note(one.key), store.note(two.key)) == ({"äpfel": 1}, "", "third")
 
 
 @pytest.mark.parametrize("name", ["", "a b", "a,b", 'a"b', "a\tb", "a\x00b", "a\u00a0b"])
