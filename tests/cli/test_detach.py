@@ -11,7 +11,7 @@ import pytest
 from fraexp.cli.exits import ExitCode
 from fraexp.errors import StoreError
 from fraexp.store import Store
-from tests.examples import some, thorough
+from tests.examples import some
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 
 SLOW = [
@@ -78,8 +78,6 @@ def _lives(group: int) -> bool:
     ("arguments", "says"),
     [
         (["quick", "--set", "excitation.point=2"], "did you mean 'points'?"),
-        thorough(["quick", "--executor", "seriall"], "did you mean 'serial'?"),
-        thorough(["quick", "--dry-run"], "give only one of them"),
     ],
 )
 def test_what_does_not_fit_is_told_before_anything_is_started(tmp_path, arguments, says):
@@ -87,10 +85,3 @@ def test_what_does_not_fit_is_told_before_anything_is_started(tmp_path, argument
     assert told.returncode == ExitCode.USAGE
     assert says in told.stderr
     assert not (tmp_path / ".fraexp").exists()
-
-
-@pytest.mark.thorough
-def test_a_run_that_is_not_there_cannot_be_stopped(workspace, tmp_path):
-    told = fraexp(tmp_path, "stop", "7", "--db", str(workspace / "results.db"))
-    assert told.returncode == ExitCode.STORE
-    assert "the newest is run 1" in told.stderr

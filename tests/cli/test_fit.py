@@ -1,6 +1,7 @@
 """``fraexp fit``: from stored responses to a plant model, and out to other programs."""
 
 import json
+import shutil
 from pathlib import Path
 
 import h5py
@@ -29,12 +30,21 @@ name = "effective_input"
 """
 
 
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which run 1 has computed the study."""
+    folder = tmp_path_factory.mktemp("table")
+    (folder / "studies").mkdir()
+    (folder / "studies" / "table.toml").write_text(STUDY, encoding="utf-8")
+    assert main(["run", "table", "--workspace", str(folder)]) == 0
+    return folder
+
+
 @pytest.fixture
-def computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def computed(table: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of that folder, in which a test is."""
+    shutil.copytree(table, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "studies").mkdir()
-    (tmp_path / "studies" / "table.toml").write_text(STUDY, encoding="utf-8")
-    assert main(["run", "table"]) == 0
     return tmp_path
 
 

@@ -6,7 +6,6 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.data import toml
 from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Section, Sweep
 from fraexp.store import Store
@@ -49,11 +48,6 @@ def test_a_mistake_in_a_study_is_answered_in_the_users_words(
     text: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert said in error_of(text, tmp_path, capsys)
-
-
-def test_plain_data_are_shown_as_they_are_written() -> None:
-    assert toml.as_text((30, 40.5, "a", True, None)) == "[30, 40.5, 'a', true, nothing]"
-    assert toml.as_text({"a": [False, {"b": 1}]}) == "{a = [false, {b = 1}]}"
 
 
 def test_runs_are_sorted_by_a_column_or_not_at_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,7 +13,6 @@ from fraexp.data.sweep import Sweep
 from fraexp.store import Store
 from fraexp.testing import selftest
 from tests.cli.conftest import fill
-from tests.examples import thorough
 from tests.store.conftest import reseal
 
 GOOD = '''
@@ -111,9 +110,6 @@ def test_doctor_names_a_foreign_database(tmp_path: Path, capsys: pytest.CaptureF
 @pytest.mark.parametrize(
     ("statement", "finding"),
     [
-        thorough("UPDATE frequency_response SET response = x'00'", "2 of 5 sweeps and 0 of 1 runs are damaged"),
-        thorough("UPDATE frequency_response SET harmonics = 'text'", "2 of 5 sweeps and 0 of 1 runs are damaged"),
-        thorough("UPDATE curve_column SET samples = zeroblob(1000)", "1 of 5 sweeps and 0 of 1 runs are damaged"),
         ("UPDATE sweep SET outcome = 'ok' WHERE outcome IS NOT NULL", "4 of 5 sweeps and 0 of 1 runs are damaged"),
         ("UPDATE run SET study = 'other'", "0 of 5 sweeps and 1 of 1 runs are damaged"),
     ],
@@ -160,26 +156,6 @@ def test_doctor_finds_wrong_numbers(
     monkeypatch.setattr(selftest, "TRUTH", {key: 1.00001 * value for key, value in selftest.TRUTH.items()})
     assert main(["doctor", "--workspace", str(tmp_path)]) == ExitCode.INCOMPLETE
     assert "wrong results: the response differs by 1.0e-05 of the truth" in capsys.readouterr().out
-
-
-def broken_off_and_run_again(folder: Path, end: str) -> None:
-    """Write a run that was broken off, and a later one of the same study that ended in this way."""
-    sweep = Sweep({"source": "loop"}, {"name": "effective_input"})
-    with Store.open(str(folder / "results.db"), create=True) as store:
-        store.begin_run("bench", "bench.toml", "fraexp run bench", {}, [sweep])
-        store.end_run(store.begin_run("bench", "bench.toml", "fraexp run bench", {}, [sweep]), end)
-    with closing(sqlite3.connect(folder / "results.db")) as connection, connection:
-        connection.execute("UPDATE run SET pid = 4194305 WHERE number = 1")  # above the greatest that there can be
-    reseal(str(folder / "results.db"))
-
-
-@pytest.mark.parametrize(("end", "count"), [("complete", 0), ("partial", 1)])
-def test_doctor_says_nothing_of_a_run_that_a_later_one_has_completed(
-    end: str, count: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    broken_off_and_run_again(tmp_path, end)
-    assert main(["doctor", "--workspace", str(tmp_path), "--json"]) == ExitCode.OK
-    assert len(json.loads(capsys.readouterr().out)["database"]["hanging"]) == count
 
 
 def test_doctor_names_a_run_that_was_broken_off(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -19,8 +19,6 @@ LONG = ["run", "quick", *(f"--set=excitation.{name}={value}" for name, value in 
 
 OTHER_SIGNALS = [
     ("processes", signal.SIGTERM),
-    ("processes", signal.SIGHUP),
-    ("serial", signal.SIGINT),
     ("serial", signal.SIGHUP),
 ]
 

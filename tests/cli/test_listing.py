@@ -255,7 +255,7 @@ def test_a_study_is_no_name_of_what_to_delete(folder, capsys):
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a terminal")
-@pytest.mark.parametrize(("answer", "left"), [("y", 4), ("n", 5), ("", 5)])
+@pytest.mark.parametrize(("answer", "left"), [("y", 4), ("", 5)])
 def test_on_a_terminal_deletion_is_asked_about(folder, sweeps, answer, left):
     controller, terminal = pty.openpty()
     command = [sys.executable, "-m", "fraexp", "delete", sweeps[0].key]

@@ -12,7 +12,7 @@ from fraexp.cli.arguments import parse
 from fraexp.cli.compare import execute as compare
 from fraexp.cli.follow import MAX_REPORTED_FAILURES, MAX_TABLE_SWEEPS, RunEvents, follow, print_outcome
 from fraexp.cli.show import execute as show
-from fraexp.cli.summary import Quantity, counts_of_texts, is_continuous, quantile_rows
+from fraexp.cli.summary import Quantity, quantile_rows
 from fraexp.data.results import Metric, Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.execution.events import Ended, Event, Finished
@@ -111,15 +111,6 @@ def test_a_comparison_of_many_has_the_summary_and_the_differences(
     assert "estimator  30 h1, 30 h2" in printed.out
     assert "49.2480" in printed.out, "20 lg 290"
     assert "--all shows each sweep" in " ".join(printed.err.split())
-
-
-def test_few_values_and_texts_are_counted_and_numbers_are_measured() -> None:
-    assert is_continuous([float(index) for index in range(7)])
-    assert not is_continuous([1.0, 2.0] * 20)
-    assert not is_continuous([*range(20), "x"])
-    assert counts_of_texts(["a", "b", "a", ""]) == "2 a, 1 b, 1 (none)"
-    assert counts_of_texts(["ok", "ok"]) == "ok"
-    assert counts_of_texts([str(index) for index in range(30)]) == "30 values"
 
 
 def test_unknown_numbers_are_in_no_quantile() -> None:

@@ -13,7 +13,6 @@ from typing import Any
 
 import pytest
 
-from fraexp.cli import output
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.cli.output import MAX_LINE_LENGTH, shorten
@@ -73,7 +72,7 @@ def test_a_hang_up_that_the_parent_ignores_stays_ignored(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])
-@pytest.mark.parametrize("line", ["list", *map(thorough, ("show 1 --json", "--help", "doctor"))])
+@pytest.mark.parametrize("line", ["list", thorough("--help")])
 def test_a_full_standard_output_is_one_line_and_an_exit_code(
     line: str, unbuffered: str, workspace: Path, tmp_path: Path
 ) -> None:
@@ -83,7 +82,7 @@ def test_a_full_standard_output_is_one_line_and_an_exit_code(
     assert "internal error" not in done.stderr
 
 
-@pytest.mark.parametrize("streams", [">&-", *map(thorough, ("2>&-", "<&- >&- 2>&-", "2>/dev/full"))])
+@pytest.mark.parametrize("streams", [">&-", thorough("<&- >&- 2>&-")])
 def test_streams_that_are_closed_or_full_are_no_error(streams: str, workspace: Path, tmp_path: Path) -> None:
     done = shell(f"fraexp list --json --workspace {workspace} {streams}", tmp_path)
     assert (done.returncode, done.stderr) == (ExitCode.OK, "")
@@ -161,19 +160,13 @@ def test_a_plugin_does_not_hide_what_python_has(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("length", [10_000, 1_000_000])
 @pytest.mark.parametrize("words", ["{}", "a {} b", "{} {}"])
-def test_a_line_is_short_whatever_it_quotes(words: str, length: int) -> None:
+def test_a_line_is_short_whatever_it_quotes(words: str, length: int = 100_000) -> None:
     for name in ("x" * length, "x y " * (length // 4)):
         line = shorten(f"studies/x.toml: {words.format(name, name)}; did you mean 'quick'?")
         assert len(line) <= MAX_LINE_LENGTH
         assert line.startswith("studies/x.toml: ")
         assert line.endswith("; did you mean 'quick'?")
-
-
-def test_an_escaped_name_is_short_too(capsys: pytest.CaptureFixture[str]) -> None:
-    output.say("\x1b" * 10_000)
-    assert len(capsys.readouterr().err) <= MAX_LINE_LENGTH + 1
 
 
 @pytest.mark.parametrize(

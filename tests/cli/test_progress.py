@@ -78,42 +78,12 @@ def test_the_time_left_says_what_it_follows_from(time: TimeLeft, text: str) -> N
     assert time_text(time, "left") == text
 
 
-def test_what_another_run_computes_meanwhile_counts_but_not_what_was_there(
-    clock: Clock, capsys: pytest.CaptureFixture[str]
-) -> None:
-    meter = Meter()
-    meter.begin(reused=3)
-    for _ in range(3 + 1):
-        meter.finish()
-    clock.now += 10
-    meter.move(2, 2, 1)
-    assert capsys.readouterr().err == "1 of 2 sweeps, 1 in progress, 10 s, estimating\n"
-
-
-def test_another_study_counts_anew(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
-    meter = Meter()
-    meter.finish()
-    clock.now += 10
-    meter.begin()
-    clock.now += 5
-    meter.move(0.5, 2, 1)
-    assert capsys.readouterr().err == "0 of 2 sweeps, 1 in progress, 5 s\n"
-
-
 def test_a_run_that_is_watched_tells_what_is_under_way() -> None:
     now = datetime(2026, 1, 1, tzinfo=UTC)
     told = RunProgress(2.0, 4, 4, dict.fromkeys("abcd", 0.5))
     process = Process("here", 1, "", "")
     run = RunSummary(1, "s", "s.toml", "run s", now, None, "running", {}, 4, 0, 0, 0, process, now, told)
     assert progress_text(run, 4) == "██░░  50 %  0 of 4 sweeps, time left unknown, 4 in progress, 4 workers"
-
-
-def test_a_run_without_workers_tells_what_it_waits_for() -> None:
-    now = datetime(2026, 1, 1, tzinfo=UTC)
-    told = RunProgress(2.0, 4, 0, {}, "no workers for 20 s")
-    process = Process("here", 1, "", "")
-    run = RunSummary(1, "s", "s.toml", "run s", now, None, "running", {}, 4, 2, 0, 0, process, now, told)
-    assert progress_text(run, 4) == "██░░  50 %  2 of 4 sweeps, time left unknown, no workers for 20 s"
 
 
 @pytest.mark.parametrize("room", [80, 118, 158])

@@ -10,16 +10,11 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Sweep
-from fraexp.store import Store, StoredSweep
-from fraexp.views.comparison import with_all_labels
+from fraexp.store import Store
 from fraexp.views.words import short_key
 from tests.cli.conftest import fill, response_of
 
 PublishedNumber = Callable[..., tuple[str, str]]
-SEGMENTS = [
-    {"start": 0, "periods": 6, "samples": 250, "sample_time": 0.0005, "lines": [1]},
-    {"start": 1500, "periods": 3, "samples": 100, "sample_time": 0.0005, "lines": [1, 3]},
-]
 
 
 @pytest.fixture
@@ -215,19 +210,6 @@ def test_compare_names_sweeps_by_the_run_that_computed_them(tmp_path: Path, caps
     assert f"responses against {keys[0]} (amplitude 12)\n" in capsys.readouterr().out
 
 
-def test_a_sweep_without_a_label_is_named_by_its_parameters() -> None:
-    def stored(amplitude: float, name: str, labels: dict[str, Any]) -> StoredSweep:
-        experiment = {"excitation": {"amplitude": amplitude}}
-        return StoredSweep("k", experiment, {"name": name, "x": 1}, labels, Outcome.OK, "", 0.0, None, "computed")
-
-    one = stored(12, "conventional", {"excitation.amplitude": 12})
-    two = stored(75, "effective_input", {"estimator": {"name": "effective_input"}, "unknown.path": 3})
-    assert [sweep.labels for sweep in with_all_labels([one, two])] == [
-        {"excitation.amplitude": 12, "estimator": "conventional"},
-        {"excitation.amplitude": 75, "estimator": {"name": "effective_input"}, "unknown.path": 3},
-    ]
-
-
 @pytest.mark.thorough
 def test_responses_of_two_units_are_two_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     speed = Sweep({"source": "record"}, {"name": "h1", "output": "v"}, {"estimator.output": "v"})
@@ -252,14 +234,3 @@ def test_responses_of_two_units_are_two_figures(tmp_path: Path, capsys: pytest.C
     titles = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("frequency [Hz]"))
     assert {"input", "output", "distortion"} <= set(titles.split())
     assert "[m]" not in titles, "which part of m/s/N is whose is not known"
-
-
-def test_one_frequency_is_not_many(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    sweep = Sweep({"source": "record", "record": {"segments": SEGMENTS}}, {"name": "h1"}, {})
-    with Store.open(str(tmp_path / "results.db"), create=True) as store:
-        run = store.begin_run("bench", "bench.toml", "", {}, [sweep])
-        store.save(run, [(sweep, Result(Outcome.OK, response=response_of(0.1, points=13)), {})])
-    assert main(["show", sweep.key, "--workspace", str(tmp_path)]) == ExitCode.OK
-    printed = capsys.readouterr()
-    assert printed.err == "1 more frequency; --points shows all\n"
-    assert "  record.segments  2 segments, 8 to 60 Hz\n" in printed.out

@@ -155,20 +155,6 @@ def test_amplitudes_that_move_too_far_are_not_chosen(short):
         design(max_stroke=1e-9).estimate(short)
 
 
-@pytest.mark.thorough
-def test_too_little_time_is_refused_with_the_least_there_must_be(short):
-    with pytest.raises(RecordError, match=r"takes 1?\d\.?\d* s with settling; measuring_time is 1 s"):
-        design(measuring_time=1.0).estimate(short)
-
-
-@pytest.mark.thorough
-def test_nothing_is_designed_for_a_machine_that_is_not_known(short):
-    result = design().estimate(replace(short, segments=short.segments[:4]))
-    assert result.outcome is not Outcome.OK
-    assert "no excitation is designed" in result.message
-    assert not [fit for fit in result.fits if fit.kind == "excitation"]
-
-
 @pytest.mark.parametrize(
     ("given", "reason"),
     [

@@ -141,13 +141,6 @@ def test_coulomb_friction_mass_viscous_friction_and_offset_come_from_one_record_
 
 
 @pytest.mark.thorough
-def test_standstill_that_the_scale_does_not_resolve_is_remarked_on():
-    signals = coulomb_machine(1.0, 10e-3, (20e-3, 60e-3))
-    message = RollingIdentification(thrust="u", displacement="y").estimate(signals).message
-    assert "so its parameters are unreliable; possible causes: a standstill below the encoder's resolution" in message
-
-
-@pytest.mark.thorough
 def test_a_measured_acceleration_takes_the_place_of_differences(triangle):
     segment = triangle.segments[0]
     y = segment.channels["displacement"].ravel()

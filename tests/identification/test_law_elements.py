@@ -17,10 +17,7 @@ from fraexp_plugins.identification.autonomous._shared.law_elements import (
     RollingElements,
     WeakeningElements,
 )
-from fraexp_plugins.identification.autonomous._shared.law_profile import LawProfile
-from fraexp_plugins.identification.autonomous._shared.law_records import LawRecords
 from fraexp_plugins.identification.autonomous.dictionary_identification import DictionaryIdentification
-from scipy.optimize import minimize
 
 from fraexp.components.kinds import FrictionModel, Motion
 from fraexp.components.registry import create
@@ -154,38 +151,3 @@ def test_a_law_is_judged_by_what_the_encoder_does_to_it(error: float, monkeypatc
     if not error:
         assert best.residual < 1.5
         assert best.coulomb == pytest.approx(10.0, rel=0.01)
-
-
-@pytest.mark.thorough
-def test_a_profile_ends_at_the_best_shape_of_all_records() -> None:
-    model, noise = LAWS[2][0].model(np.array([5.0, 0.4]), 0.0), np.random.default_rng(5)
-    clean = [record_of(model, f, v / (2 * np.pi * f)) for f in (2.0, 7.0, 20.0) for v in (1e-4, 1e-3, 8e-3)]
-    segments = tuple(
-        replace(each, channels={**each.channels, "u": each.channels["u"] + noise.normal(0.0, 0.02, each.samples)})
-        for each in clean
-    )
-    signals = Signals(segments, {"u": "N", "y": "m"})
-    observer, frequencies = ElementObserver(friction=Frictionless(), oversampling=4), np.array([0.5, 100.0])
-    records = LawRecords.from_signals(signals, observer, (frequencies, -5.0 * (2 * np.pi * frequencies) ** 2 + 0j))
-    wrong = replace(LAWS[2][0], shape=LAWS[2][0].shape + np.array([0.03, -0.2, 0.1]))
-    profile = LawProfile(wrong, 0.0, records)
-    assert np.abs(profile.elements.shape - LAWS[2][0].shape)[0] < 0.02
-    low, high = profile.interval(3.0)
-    assert 0.96 * 5.0 < low < 5.0 < high < 1.04 * 5.0
-    limit = _least(records, profile, None) * (1 + 9.0 / records.equations)
-    for force, sign in ((low, -1.0), (high, 1.0)):  # held there, all else free, the best is worse by 3² variances
-        held = {step: _least(records, profile, force * (1 + step * sign)) for step in (-0.002, 0.002)}
-        assert held[-0.002] < limit < held[0.002]
-
-
-def _least(records: LawRecords, profile: LawProfile, force: float | None) -> float:
-    """Return the least sum of squares by a simplex search of the shape, at a Coulomb force [N] if given."""
-
-    def cost(values: Any) -> float:
-        law = replace(profile.elements, shape=values[1:])
-        held = None if force is None else (law.is_coulomb, force)
-        return float(np.sum(records.solve(records.deflection(law), abs(values[0]), held).residual ** 2))
-
-    start = np.array([profile.dead_time, *profile.elements.shape])
-    simplex = start + np.vstack([np.zeros(4), np.diag([1e-5, 0.02, 0.05, 0.05])])
-    return float(minimize(cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "maxfev": 400}).fun)

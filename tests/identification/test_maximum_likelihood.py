@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fraexp_plugins.identification.whole_record._shared.scaled_friction import scaled_friction
 
 from fraexp.analysis.confidence import circle_factor
 from fraexp.components.kinds import Controller, Estimator, Excitation, FrictionModel, Plant
@@ -16,7 +15,7 @@ from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from fraexp.study.study_file import packaged_studies
 from tests.examples import thorough
-from tests.machines import decibel, degrees, table_models
+from tests.machines import decibel, degrees
 
 MACHINE = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table.toml").read_text(encoding="utf-8"))
 RESOLUTION = 0.1e-6
@@ -70,18 +69,6 @@ def plant_at(registry, result):
 
 def metrics(result):
     return {metric.name: metric.value for metric in result.metrics}
-
-
-@pytest.mark.thorough
-def test_every_law_can_have_other_scales(registry):
-    models = [*table_models(registry).values(), create(registry, FrictionModel, LUGRE)]
-    motion = 1e-4 * np.sin(np.linspace(0, 20, 500)) * np.linspace(0, 1, 500)
-    for model in models:
-        changed = scaled_friction(model, (1.3, 0.7), 1e-4)
-        assert changed is not None, model.name
-        expected = 1.3 * model.force(motion / 0.7, 1e-3)
-        np.testing.assert_allclose(changed.force(motion, 1e-3), expected, atol=1e-9 * np.abs(expected).max())
-        assert changed.viscous == model.viscous
 
 
 @pytest.mark.thorough
@@ -147,17 +134,6 @@ def test_intervals_hold_where_the_coulomb_force_is_extrapolated(recorded, veloci
 
 
 @pytest.mark.thorough
-def test_the_right_law_with_a_drifting_state_fits(recorded, registry):
-    signals = recorded(LUGRE, {"name": "stepped_sine", "amplitude": 25.0, "frequencies": FREQUENCIES})
-    wrong = scaled_friction(create(registry, FrictionModel, LUGRE), (0.8, 0.9), 1e-4)
-    assert wrong is not None
-    result = estimator(wrong.spec()).estimate(signals)
-    assert result.outcome is Outcome.OK, result.message
-    ratio = result.response.response / plant_at(registry, result)
-    assert np.abs(decibel(ratio)).max() < 0.05
-
-
-@pytest.mark.thorough
 def test_noise_is_taken_from_the_periods_and_the_band_holds_the_plant(recorded, registry):
     sine = {"name": "stepped_sine", "amplitude": 12.0, "frequencies": FREQUENCIES, "recorded_periods": 4}
     result = estimator(scaled(0.9, 1.1), noise=None).estimate(recorded(excitation=sine, noise=30e-9))
@@ -166,27 +142,6 @@ def test_noise_is_taken_from_the_periods_and_the_band_holds_the_plant(recorded, 
     radius = circle_factor(np.inf) * response.standard_deviation + response.numerical_error * np.abs(plant)
     assert np.mean(np.abs(response.response - plant) <= radius) >= 0.8
     assert np.abs(decibel(response.response / plant)).max() < 0.1
-
-
-@pytest.mark.thorough
-def test_amplitudes_of_one_experiment_give_one_response(recorded, registry):
-    sines = [{"name": "stepped_sine", "amplitude": a, "frequencies": FREQUENCIES} for a in (12.0, 25.0)]
-    result = estimator().estimate(recorded(excitation={"name": "concatenated", "parts": sines}))
-    assert result.response.frequency.size == len(FREQUENCIES)
-    ratio = result.response.response / plant_at(registry, result)
-    assert np.abs(decibel(ratio)).max() < 0.05
-
-
-@pytest.mark.thorough
-def test_one_period_of_a_multisine_is_enough(recorded, registry):
-    multisine = {
-        "name": "multisine", "min_frequency": 1, "max_frequency": 200, "line_spacing": 1.0, "points": 20, "rms": 12.0,
-        "detection_group_size": 0, "realisations": 1,
-    }  # fmt: skip
-    result = estimator(scaled(1.2, 0.8)).estimate(recorded(excitation=multisine))
-    assert result.outcome is Outcome.OK, result.message
-    ratio = result.response.response / plant_at(registry, result)
-    assert np.abs(decibel(ratio)).max() < 0.05
 
 
 @pytest.mark.thorough
@@ -218,16 +173,6 @@ def test_unknown_noise_is_found(recorded, noise, periods):
     assert result.outcome is Outcome.OK, result.message
     found = metrics(result)
     assert abs(found["noise"] - noise) < 2 * found["noise, 95 %"] < 0.06 * noise
-
-
-@pytest.mark.thorough
-def test_a_small_residual_that_is_not_white_is_no_noise(recorded):
-    sine = {"name": "stepped_sine", "amplitude": 12.0, "frequencies": FREQUENCIES}
-    signals = recorded({**MACHINE["friction"], "viscous_coefficient": 20.0}, sine, noise=2e-6)
-    wrong = {"name": "dahl", "stiffness": 5e5, "coulomb_force": 17.9, "viscous_coefficient": 20.0}
-    result = estimator(wrong, noise=30e-6).estimate(signals)
-    assert result.outcome is Outcome.INACCURATE
-    assert "is no white noise; try another friction law" in result.message
 
 
 @pytest.mark.parametrize(

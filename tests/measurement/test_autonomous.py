@@ -7,15 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fraexp.components.kinds import FrictionModel, Motion
 from fraexp.components.machine_session import Chunk, MachineDescription, MachineSession, PlayRequest
 from fraexp.components.measurement_settings import MeasurementSettings
-from fraexp.components.registry import Registry, create, discover
+from fraexp.components.registry import Registry, discover
 from fraexp.data.sample_file import SampleHeader, SampleWriter, create_sample_file
 from fraexp.errors import FraexpError, MachineError
 from fraexp.measurement import autonomous_points
-from fraexp.measurement.autonomous_points import LEVEL_RATIOS, PointDesign
-from fraexp.measurement.friction_loop import LOOP_HZ, FrictionLoop, _LoopWatch, measure_friction_loop
+from fraexp.measurement.autonomous_points import PointDesign
+from fraexp.measurement.friction_loop import LOOP_HZ, FrictionLoop, measure_friction_loop
 from fraexp.measurement.measured_points import MeasuredPoint
 from fraexp.measurement.motion_guard import MotionGuard
 from fraexp.measurement.point_measurement import SettlingMonitor
@@ -148,37 +147,6 @@ def test_a_mean_that_drifts_slowly_is_no_lack_of_a_steady_state(
     assert monitor.is_settled == settles
 
 
-def watched(registry: Registry, limits: list[float], stiffness: list[float], mass: float, top: float) -> _LoopWatch:
-    """Return what is seen of a mass with elements, moved by a slow sine whose force grows as in a friction loop."""
-    model = create(registry, FrictionModel, {"name": "rolling", "limit_force": limits, "stiffness": stiffness})
-    points, total, reach = 500, sum(limits), np.geomspace(1e-8, 1e-2, 2000)
-    rigid = mass * (2 * np.pi * LOOP_HZ) ** 2
-    bent = np.minimum(np.outer(reach, stiffness), limits).sum(axis=1)  # the virgin curve; then mass takes the rest
-    peaks = np.where(bent < total, bent, np.hypot(total, rigid * reach))
-    watch, wave = _LoopWatch(points, 1e-7), np.sin(2 * np.pi * np.arange(points) / points)
-    for peak in top * 1.16 ** np.arange(-30.0, 1.0):
-        y = float(np.interp(peak, peaks, reach)) * wave
-        force = model.forces([Motion(y, 1 / (LOOP_HZ * points), True)])[0] - rigid * y
-        if watch.look(np.tile(y, len(watch.peaks) + 1), np.tile(force, len(watch.peaks) + 1)):
-            break
-    return watch
-
-
-def test_a_loop_of_a_part_of_the_elements_is_no_friction_loop(components: Registry) -> None:
-    """4 N slip at 0.3 µm and the rest holds as a spring: friction is then less than half of the force."""
-    found = watched(components, [4.0, 6.0], [4 / 0.3e-6, 6 / 30e-6], 5.0, 40.0).loop(1e-7, 0.0)
-    assert found.has_closed
-    assert found.force == pytest.approx(10.0, rel=0.1)
-
-
-def test_friction_of_a_heavy_axis_may_never_take_most_of_the_force(components: Registry) -> None:
-    watch = watched(components, [1.0], [1 / 20e-6], 120.0, 2.2)
-    assert max(watch.ratios) < 0.5
-    found = watch.loop(1e-7, 0.0)
-    assert found.has_closed
-    assert found.force == pytest.approx(1.0, rel=0.25)  # a sixth of the force in its place is 0.37
-
-
 def test_a_growing_sine_stops_at_its_share_of_a_limit(tmp_path: Path, components: Registry) -> None:
     limits = MotionLimits(stroke=0.1e-3, velocity=1.0, force=200.0)
     session = MasslessSession(force=1e9)  # it stays in presliding: a spring
@@ -205,23 +173,6 @@ def test_no_level_is_expected_beyond_its_share_of_the_limits(components: Registr
     # sliding takes what is above 8 N of friction: 0.63 of the limit where 17 N took 0.4
     assert careful.amplitude == pytest.approx(8 + 17 * 0.63 / 0.4)
     assert [point.number for point in design.level([5.0, 20.0], 0, 7, {})] == [8, 7]
-
-
-@pytest.mark.parametrize(
-    ("sample_time", "top", "highest"), [(1e-3, 100.0, 250.0), (2e-3, 50.0, 125.0), (2.5e-4, 250.0, 250.0)]
-)
-def test_the_plant_is_looked_at_above_the_records_that_show_friction(
-    sample_time: float, top: float, highest: float, components: Registry
-) -> None:
-    """A mode just above what was measured hid in the dead time: k0 was 3 to 8 % wrong."""
-    axis = axis_of(MotionLimits(stroke=20e-3, velocity=1.0, force=100.0), sample_time)
-    design = PointDesign(axis, FrictionLoop(10.0, True, 1e-8, 1e-7, 30.0), components)
-    coarse = np.array(design.coarse())
-    assert (axis.top, coarse[-1]) == (top, pytest.approx(highest))
-    assert np.sum(coarse <= top) == autonomous_points.COARSE_POINTS
-    assert np.diff(np.log(coarse)).max() == pytest.approx(np.log(coarse[1] / coarse[0]))
-    above = [design.level([0.9 * top, 1.1 * top], level, 0, {}) for level in range(len(LEVEL_RATIOS))]
-    assert [len(points) for points in above] == [1, 1, 2, 2]
 
 
 def measured(amplitude: float, used: float) -> MeasuredPoint:

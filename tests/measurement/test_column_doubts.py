@@ -16,7 +16,6 @@ from fraexp.measurement import measurement_plan
 from fraexp.measurement.excitation_files import ExcitationTable, excitation_table
 from fraexp.measurement.measurement_plan import MeasurementPlan, plan_points, planning_setup
 from fraexp.measurement.tasks import MeasurementTask
-from fraexp.records.direction_force import direction_force
 from fraexp.simulation.experiments import Experiment
 from fraexp.simulation.live_loop import LiveLoop, live_setup
 from fraexp.simulation.machine import build_machine
@@ -108,14 +107,6 @@ def test_another_controller_is_said_to_be_another_one(played: Played) -> None:
     )
 
 
-@pytest.mark.parametrize("strong", [True, False])
-def test_without_the_controller_amplitudes_that_were_predicted_count(played: Played, strong: bool) -> None:
-    section = {key: value for key, value in played.section.items() if key != "controller"}
-    write_record(played.file, played.u, (1e3 if strong else -1) * played.y)
-    found = load_record(played.file, section, played.registry).message
-    assert found.startswith("'y' has ") if strong else not found
-
-
 def table_of(sections: dict[str, Any], registry: Registry) -> ExcitationTable:
     """Return the excitation of a drawn machine as it is written to a file."""
     machine, excitation = build_machine(sections, registry), create(registry, Excitation, sections["excitation"])
@@ -136,7 +127,7 @@ SEEN_BY_FEEDBACK = ("excitation as u", "y negated", "y / 1000", "y * 3", "y in m
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("number", range(30))
+@pytest.mark.parametrize("number", range(10))
 def test_on_drawn_machines_too(
     number: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, registry: Registry
 ) -> None:
@@ -210,10 +201,6 @@ LOOSE = ("limits.stroke=1e6", "limits.velocity=1e9", "limits.force=1e6", 'grid.e
     ("printed", "message"),
     [
         ("f'{y!r},{u!r}'", ""),
-        ("f'{y!r},{w!r}'", "'u' is the excitation alone"),
-        ("f'{y!r},{u / 2!r}'", "'u' is 0.5 times the excitation minus"),
-        ("f'{-y!r},{u!r}'", "'y' has the opposite sign"),
-        ("f'{y / 1e3!r},{u!r}'", "'y' is 0.001 times"),
         ("f'{u!r},{y!r}'", "'u' and 'y' are swapped"),
     ],
 )
@@ -238,7 +225,6 @@ def test_measured_records_are_compared_like_imported_ones(
     ("printed", "message"),
     [
         ("f'{1e3 * y!r},{u!r}'", "'y' is 1,000 times the position .*, as if its column were in mm; correct what"),
-        ("f'{u!r},{y!r}'", "'u' and 'y' are swapped, .*; correct what the machine records, or state its units"),
     ],
 )
 def test_a_stop_at_a_limit_names_the_column_that_caused_it(
@@ -249,10 +235,6 @@ def test_a_stop_at_a_limit_names_the_column_that_caused_it(
         list(service.measure_points())
 
 
-def test_a_position_that_shows_nothing_has_no_direction() -> None:
-    assert direction_force(np.ones(40), np.zeros(40), 20.0) == 0.0
-
-
 def test_a_friction_compensation_that_keeps_a_play_from_settling_is_named(workspace: WorkspaceService) -> None:
     program = program_of(workspace, "f'{y!r},{u!r}'")
     file = workspace.folder / "axis.py"
@@ -261,11 +243,4 @@ def test_a_friction_compensation_that_keeps_a_play_from_settling_is_named(worksp
     file.write_text(text, encoding="utf-8")
     service = MeasurementService(workspace, "axis", (program, *LOOSE), is_trusted=True)
     with pytest.raises(MachineError, match=r"in time for a record: 'u' has 8 N in the direction .*; switch it off"):
-        list(service.measure_points())
-
-
-def test_a_play_that_does_not_settle_names_it_too(workspace: WorkspaceService) -> None:
-    drifting = program_of(workspace, "f'{3 * y + 1e-9 * k!r},{u!r}'")
-    service = MeasurementService(workspace, "axis", (drifting, *LOOSE), is_trusted=True)
-    with pytest.raises(MachineError, match=r"did not settle in time for a record: 'y' is 3 times the position"):
         list(service.measure_points())

@@ -25,6 +25,7 @@ from fraexp.simulation.live_loop import LiveLoop, live_setup
 from fraexp.workspace.measurement_service import MeasurementService
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.components.translation.grammar import grammar_error
+from tests.measurement.conftest import STUDY
 
 C_MAIN = """
 #include "excitation.h"
@@ -38,9 +39,12 @@ int main(void) {
 """
 
 
-@pytest.fixture
-def table(workspace: WorkspaceService) -> ExcitationTable:
-    return excitation_table(MeasurementService(workspace, "axis").plans()[0])
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> ExcitationTable:
+    folder = tmp_path_factory.mktemp("axis")
+    (folder / "studies").mkdir()
+    (folder / "studies" / "axis.toml").write_text(STUDY, encoding="utf-8")
+    return excitation_table(MeasurementService(WorkspaceService.open(folder), "axis").plans()[0])
 
 
 def test_every_point_begins_and_ends_at_rest(table: ExcitationTable) -> None:

@@ -50,13 +50,6 @@ def assert_equal_bits(workspace: WorkspaceService) -> None:
 
 
 @pytest.mark.thorough
-def test_a_measurement_has_the_bits_of_a_run(workspace: WorkspaceService) -> None:
-    measure(workspace)
-    list(workspace.run(["axis"], executor="serial"))
-    assert_equal_bits(workspace)
-
-
-@pytest.mark.thorough
 def test_so_it_has_with_lost_packets_delays_and_a_cut_connection(workspace: WorkspaceService) -> None:
     events = measure(workspace, DISTURBED)
     list(workspace.run(["axis"], executor="serial"))
@@ -154,16 +147,6 @@ def test_after_a_stop_at_a_limit_the_same_command_goes_on(
     assert "at 20 Hz; the machine was stopped: check the nominal machine" in capsys.readouterr().err
     assert main([*command, "--set", "measurement.adapt_amplitude=true"]) == ExitCode.OK
     assert "2 points, 1 kept" in capsys.readouterr().err
-
-
-def test_a_machine_that_moves_more_than_predicted_is_stopped(workspace: WorkspaceService) -> None:
-    overrides = (stronger_machine(workspace), "limits.velocity=0.06", "excitation.frequencies=[20.0]")
-    with pytest.raises(MachineError, match=r"the velocity was 0\.0[67]\d+ m/s; limits\.velocity is 0\.06 m/s at 20 Hz"):
-        measure(workspace, *overrides)
-    events = measure(workspace, *overrides, "measurement.adapt_amplitude=true")
-    (point,) = (event.measured.point for event in events if isinstance(event, PointEstimated))
-    assert point.amplitude < 0.8
-    assert any("limits.velocity" in repeat for repeat in point.repeats)
 
 
 @pytest.mark.thorough
@@ -312,9 +295,8 @@ NO_ENCODER = ("loop.noise=0", "loop.resolution=0", "measurement.band=0.1")
 
 def test_an_axis_that_does_not_move_is_said_not_to(workspace: WorkspaceService) -> None:
     few = ("excitation.frequencies=[50.0, 100.0]", "measurement.attempts=2")
-    for encoder in (("loop.noise=0",), NO_ENCODER):
-        with pytest.raises(MachineError, match=r"at 100 Hz the axis does not move: .* reaches \d+\.?\d* N; release"):
-            measure(workspace, *few, STUCK, *encoder, fresh=True)
+    with pytest.raises(MachineError, match=r"at 100 Hz the axis does not move: .* reaches \d+\.?\d* N; release"):
+        measure(workspace, *few, STUCK, *NO_ENCODER)
 
 
 def test_with_noise_too_a_brake_ends_the_measurement_at_the_first_point(workspace: WorkspaceService) -> None:

@@ -10,12 +10,10 @@ from fraexp.data.results import Outcome
 from fraexp.simulation.discretisation import step_bounds
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
-from tests.machines import LEAD, TABLE, decibel, degrees, simulated
-from tests.physics.event_located import Guide, simulate
+from tests.machines import LEAD, TABLE, simulated
 
 SAMPLE_TIME, DEAD_SAMPLES, AMPLITUDE = 5e-4, 2, 25.0
 COULOMB = Coulomb(coulomb_force=17.9, viscous_coefficient=4.69)
-IDEAL = Guide(0.132, (38.8, 80.0), (0.04, 0.02), (0.342, 0.3), 17.9, 4.69)
 
 
 def found(friction, frequency, steps=0, rest=0.0):
@@ -24,32 +22,6 @@ def found(friction, frequency, steps=0, rest=0.0):
     machine = Machine(TABLE, friction, LEAD, loop, Numerics(steps_per_sample=steps))
     signals = simulate_loop(machine, SteppedSine(amplitude=AMPLITUDE, frequencies=(frequency,)), lambda _: None)
     return Conventional().estimate(signals).response.response[0]
-
-
-def expected(frequency, seconds, rest=0.0):
-    """Return the same by event location."""
-    (period,) = SteppedSine(amplitude=AMPLITUDE, frequencies=(frequency,)).periods(SAMPLE_TIME)
-    samples = period.waveform.size
-    periods = int(np.ceil(seconds / (samples * SAMPLE_TIME)))
-    controller = LEAD.transfer_function(SAMPLE_TIME)
-    y, u = simulate(IDEAL, controller, period.waveform, periods, SAMPLE_TIME, DEAD_SAMPLES, rest)
-    turns = np.exp(-2j * np.pi * period.lines[0] * np.arange(samples) / samples)
-    return (y @ turns) / (u @ turns)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(("frequency", "seconds"), [(6.37, 2.0), (205.9, 15.0)])
-def test_coulomb_friction_is_set_valued_in_the_loop(frequency, seconds):
-    """A stop of 0.1 µm is 7 dB off at 205.9 Hz, and 3 dB at 140 Hz; one of 1e-10 m still 0.09 dB."""
-    ratio = found(COULOMB, frequency) / expected(frequency, seconds)
-    assert abs(decibel(ratio)) < 2e-3
-    assert abs(degrees(ratio)) < 0.01
-
-
-@pytest.mark.thorough
-def test_a_dead_time_may_end_within_a_sample():
-    ratio = found(COULOMB, 20.0, rest=0.37 * SAMPLE_TIME) / expected(20.0, 3.0, 0.37 * SAMPLE_TIME)
-    assert abs(ratio - 1) < 1e-4
 
 
 @pytest.mark.parametrize("rest", [0.0, 0.13 * SAMPLE_TIME, 0.55 * SAMPLE_TIME])

@@ -175,15 +175,6 @@ def test_a_move_that_leaves_the_stroke_says_so_in_words_of_moves(targets, limit,
     assert "the amplitude, or the distance" in signals.outcome.value
 
 
-def test_a_single_target_is_a_list_of_one():
-    registry = discover()
-    sections = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table.toml").read_text())
-    for target, said in (("1.5 mm", '"1.5 mm"'), (0.0015, "0.0015")):
-        with pytest.raises(ParameterError, match=r"targets is .* expected a list, such as \[") as error:
-            registry.create("excitation", {"name": "point_to_point", "targets": target}, sections)
-        assert str(error.value).endswith(f"[{said}]")
-
-
 class Unstable(Plant):
     """A pendulum that stands on its head."""
 

@@ -35,28 +35,6 @@ async def compare(app: FraexpApp, pilot: Pilot[None], keys: list[str]) -> Compar
     return app.screen
 
 
-@pytest.mark.thorough
-def test_without_marks_it_says_how_to_mark(workspace: Path) -> None:
-    async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
-        await pilot.press("c")
-        await shows(pilot, "No sweeps are marked.", "Mark sweeps with space")
-        for key in ("b", "d", "v", "R", "e", "i", "left", "1", "x", "g", "enter", "space", "u", "W", "equals_sign"):
-            await pilot.press(key)  # nothing to act on
-        await shows(pilot, "No sweeps are marked.")
-
-    pilot_of(workspace, steps)
-
-
-@pytest.mark.thorough
-def test_without_a_database_it_says_so(tmp_path: Path) -> None:
-    async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
-        app.marks.add(["v1:0000"])
-        await pilot.press("c")
-        await shows(pilot, "there is no database yet")
-
-    pilot_of(tmp_path, steps)
-
-
 @pytest.mark.parametrize("size", [(80, 24), thorough((200, 50))])
 def test_marked_sweeps_are_overlaid_with_the_plant(workspace: Path, keys: list[str], size: tuple[int, int]) -> None:
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
@@ -107,22 +85,6 @@ def test_every_view_has_a_kind_of_figure_and_its_command_draws_it(
         "nyquist.png",
         "coherence.png",
     }
-
-
-@pytest.mark.thorough
-def test_digits_hide_curves_and_the_command_names_what_is_seen(workspace: Path, keys: list[str]) -> None:
-    async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
-        page = await compare(app, pilot, keys)
-        await pilot.press("2", "3")
-        assert page.stack.view_range.hidden == {1, 2}
-        assert f"plot {short_key(keys[0])} {short_key(keys[3])}" in page.command
-        await shows(pilot, "2 off 12 N, effective_input")
-        await pilot.press("9")  # there is none
-        assert page.stack.view_range.hidden == {1, 2}
-        await pilot.press("0")
-        assert page.stack.view_range.hidden == set()
-
-    pilot_of(workspace, steps)
 
 
 @pytest.mark.thorough
@@ -189,19 +151,6 @@ def test_the_table_has_only_what_differs(workspace: Path, keys: list[str]) -> No
         assert "━" not in screen_text(app)
         await pilot.press("escape")
         await shows(pilot, "Magnitude")
-
-    pilot_of(workspace, steps)
-
-
-@pytest.mark.thorough
-def test_what_only_some_curves_have_is_folded(workspace: Path, keys: list[str]) -> None:
-    async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
-        await compare(app, pilot, keys[:2])  # one amplitude, two estimators
-        await pilot.press("i")
-        await shows(pilot, "difference", "estimator.name", "estimator.…", "not in all")
-        table = app.screen.query_one(DataTable)
-        rows = [[str(cell) for cell in table.get_row_at(row)] for row in range(table.row_count)]
-        assert not any(name.startswith("estimator.") and "-" in cells for name, *cells in rows)
 
     pilot_of(workspace, steps)
 
@@ -308,34 +257,3 @@ def test_marks_may_change_and_sweeps_may_go_while_it_is_shown(tmp_path: Path) ->
         await shows(pilot, "No sweeps are marked")
 
     pilot_of(tmp_path, steps)
-
-
-@pytest.mark.thorough
-def test_failed_sweeps_are_left_out_and_told(workspace: Path, keys: list[str]) -> None:
-    with Store.open(str(workspace / "results.db"), read_only=True) as store:
-        (failed,) = store.sweeps(2)
-
-    async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
-        await compare(app, pilot, [keys[0], failed.key])
-        await shows(pilot, "1 sweep without a result")
-
-    async def alone(app: FraexpApp, pilot: Pilot[None]) -> None:
-        app.marks.add([failed.key])
-        await pilot.press("c")
-        await shows(pilot, "1 sweep without a result", "No sweeps are marked")
-
-    pilot_of(workspace, steps)
-    pilot_of(workspace, alone)
-
-
-@pytest.mark.thorough
-def test_names_cannot_command_the_terminal(tmp_path: Path) -> None:
-    keys = store_results(tmp_path, [found(resonant(GRID)), found(resonant(GRID, at=60.0))], "[bold]\x1b[31m")
-
-    async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
-        await compare(app, pilot, keys)
-        await pilot.press("d")
-        await shows(pilot, "[bold]\\x1b[31m 1")
-        assert "\x1b" not in screen_text(app)
-
-    pilot_of(tmp_path, steps, (200, 50))

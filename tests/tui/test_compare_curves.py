@@ -1,18 +1,15 @@
 """Compare: kinds of curves, many curves, small terminals, what is asked for too early, and names of files."""
 
 from pathlib import Path
-from threading import Event
 
 import numpy as np
 import pytest
 from textual.pilot import Pilot
-from textual.widgets import DataTable
 
 from fraexp.data.results import Curve, Outcome, Result
 from fraexp.figures.elements.view import View
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.plotting import compared_sweeps
-from fraexp.tui.screens import compare_page
 from fraexp.tui.widgets.figure_export import compare_command, file_fault, plot_command
 from fraexp.views.words import short_key
 from fraexp.workspace.workspace_service import WorkspaceService
@@ -77,57 +74,6 @@ def test_what_is_hidden_or_not_listed_is_told_and_reached(tmp_path: Path) -> Non
         await shows(pilot, "all curves are hidden: 0 shows them")
 
     pilot_of(tmp_path, steps)
-
-
-@pytest.mark.thorough
-def test_a_view_that_is_asked_for_while_reading_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    keys = store_results(tmp_path, [found(resonant(GRID)), found(resonant(GRID, at=60.0))])
-    go_on, read = Event(), compare_page.read_marked_sweeps
-
-    def slowly(*args):
-        go_on.wait(30)
-        return read(*args)
-
-    monkeypatch.setattr(compare_page, "read_marked_sweeps", slowly)
-
-    async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
-        app.marks.add(keys)
-        await pilot.press("c")
-        await shows(pilot, "loading the marked sweeps")
-        await pilot.press("n")
-        go_on.set()
-        await shows(pilot, "Imaginary over real part")
-        assert app.screen.view == "nyquist"
-
-    pilot_of(tmp_path, steps)
-
-
-@pytest.mark.thorough
-def test_beside_the_plots_the_table_has_room_for_its_values(tmp_path: Path) -> None:
-    title = "what_is_of_a_long_name_that_says_little." * 2 + "gain"
-    keys = store_results(tmp_path, [found(resonant(GRID, at=at)) for at in (30.0, 40.0, 50.0)], title)
-
-    async def at_120(app: FraexpApp, pilot: Pilot[None]) -> None:
-        page = await compare(app, pilot, keys)
-        assert not page.query_one(DataTable).display
-        assert page.stack.size.width > 110
-        await pilot.press("i")
-        await shows(pilot, "difference", "gain")
-        await pilot.press("i")
-        await shows(pilot, "Magnitude")
-
-    async def at_160(app: FraexpApp, pilot: Pilot[None]) -> None:
-        page = await compare(app, pilot, keys)
-        table = page.query_one(DataTable)
-        name, *values = table.ordered_columns
-        assert table.display
-        assert name.get_render_width(table) <= 0.4 * table.size.width
-        assert sum(column.get_render_width(table) for column in table.ordered_columns) <= table.size.width
-        assert all(column.get_render_width(table) >= 3 for column in values)
-        await shows(pilot, "gain")  # the end of the name, which tells
-
-    pilot_of(tmp_path, at_120, (120, 40))
-    pilot_of(tmp_path, at_160, (160, 45))
 
 
 def test_in_a_small_terminal_there_are_plot_and_value(tmp_path: Path) -> None:

@@ -12,8 +12,6 @@ from textual import events
 from textual.widgets import Input
 
 from fraexp.store import Store
-from fraexp.tui import page
-from fraexp.tui.screens import launch_page
 from fraexp.tui.screens.launch_page import LaunchPage
 from fraexp.tui.screens.run_page import RunPage
 from fraexp.tui.screens.runs_page import RunsPage
@@ -114,32 +112,6 @@ def test_another_component_brings_its_parameters_and_what_it_lacks_is_told_at_it
     pilot_of(tmp_path, steps)
 
 
-@pytest.mark.thorough
-def test_arrows_lead_through_the_lines_and_back_to_the_button(tmp_path):
-    async def steps(app, pilot):
-        lines = await opened(app, pilot)
-        await pilot.press("down", "down")
-        assert lines.field.path == "grid.estimator"
-        await pilot.press("up", "up")
-        assert lines.field is None
-        await shows(pilot, "Enter launches")
-
-    pilot_of(tmp_path, steps, (200, 50))
-
-
-@pytest.mark.thorough
-def test_a_database_of_another_version_does_not_keep_from_launching(tmp_path):
-    (tmp_path / "results.db").write_bytes(b"")
-
-    async def steps(app, pilot):
-        await until(pilot, lambda: app.screen.entry)
-        await pilot.press("enter")
-        await until(pilot, lambda: isinstance(app.screen, LaunchPage) and app.screen.groups)
-        await shows(pilot, "results.db: there is no database yet")
-
-    pilot_of(tmp_path, steps, (160, 30))
-
-
 def test_every_study_that_comes_along_has_a_form_whose_own_texts_are_right(checkout, tmp_path):
     workspace = WorkspaceService.open(checkout, str(tmp_path / "none.db"))
     for entry in workspace.catalogue():
@@ -204,13 +176,11 @@ def test_a_run_outlives_the_ui_that_is_killed(tmp_path):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("pause", [0.0, *(pytest.param(of, marks=pytest.mark.thorough) for of in (0.05, 0.5))])
-def test_keys_that_follow_the_launch_at_once_neither_stop_it_nor_are_lost(tmp_path, pause):
+def test_keys_that_follow_the_launch_at_once_neither_stop_it_nor_are_lost(tmp_path):
     async def steps(app, pilot):
         await opened(app, pilot)
         for key in ("enter", "enter", "w", "r"):  # posted, not waited for
             app.post_message(events.Key(key, "\r" if key == "enter" else key))
-            await asyncio.sleep(pause)
         await until(pilot, lambda: app.screen.PLACE == "runs" and isinstance(app.screen, RunsPage))
         await shows(pilot, "1 of 1")
         await until(pilot, lambda: app.screen.runs[0].state == "complete")
@@ -246,30 +216,6 @@ def test_what_is_pasted_over_several_lines_is_one_value(tmp_path):
 
 
 @pytest.mark.thorough
-def test_many_letters_at_once_are_checked_once_and_a_long_one_leaves_room(tmp_path, monkeypatch):
-    checked = []
-    monkeypatch.setattr(
-        launch_page, "TYPING_DELAY_S", 1.0
-    )  # also where a letter takes longer than between two that are typed
-
-    async def steps(app, pilot):
-        lines = await opened(app, pilot)
-        await write(pilot, lines, "excitation.points", "")
-        fault = lines.field.fault
-        object.__setattr__(lines.field, "fault", lambda text: checked.append(text) or fault(text))
-        for _ in range(300):
-            app.post_message(events.Key("x", "x"))
-        await shows(pilot, "! stepped_sine", "xxx...")
-        assert len(checked) < 30
-        lines.query_one(Input).post_message(events.Paste("x" * 20_000))
-        await until(pilot, lambda: len(checked[-1]) > 20_000)
-        await shows(pilot, "! stepped_sine", "excitation.points  ")
-        assert app.screen.query_one("#plan").size.height <= 6
-
-    pilot_of(tmp_path, steps)
-
-
-@pytest.mark.thorough
 def test_what_is_typed_before_the_form_is_there_is_written_in_it(tmp_path, monkeypatch):
     build = LaunchPage._build
 
@@ -283,20 +229,5 @@ def test_what_is_typed_before_the_form_is_there_is_written_in_it(tmp_path, monke
         await pilot.press("enter", "down", "down", "down", *"serial")
         await until(pilot, lambda: isinstance(app.screen, LaunchPage))
         await until(pilot, lambda: app.screen.written.changes == {"--executor": "serial"})
-
-    pilot_of(tmp_path, steps)
-
-
-@pytest.mark.thorough
-def test_keys_do_not_wait_for_ever_for_what_is_slow(tmp_path, monkeypatch):
-    async def never(page, changed):
-        await asyncio.sleep(3600.0)
-
-    monkeypatch.setattr(page, "LOAD_TIMEOUT_S", 0.1)
-    monkeypatch.setattr(LaunchPage, "_build", never)
-
-    async def steps(app, pilot):
-        await pilot.press("enter", "escape", "r")
-        await until(pilot, lambda: app.current_mode == "runs")
 
     pilot_of(tmp_path, steps)

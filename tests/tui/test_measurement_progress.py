@@ -42,12 +42,6 @@ def stage(number: int, level: int = 0, levels: int = LEVELS) -> StageBegun:
     return StageBegun("", number, "up to 0.9 times friction", level, levels)
 
 
-def test_points_that_are_kept_are_counted_from_the_beginning() -> None:
-    live = measuring()
-    live.add(BeginReport(plan_of(12), 12, 12))
-    assert (live.count_text, live.done_fraction) == ("12/12", 1.0)
-
-
 def test_the_bar_of_an_autonomous_measurement_is_over_its_stages() -> None:
     live, fractions = measuring(is_autonomous=True), []
     for event in (stage(0, levels=1), stage(1), stage(1, 1), stage(1, 3), stage(2), stage(3, levels=1)):

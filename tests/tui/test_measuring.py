@@ -23,7 +23,7 @@ from fraexp.measurement.consent import CONSENTS_VARIABLE
 from fraexp.measurement.measured_points import MeasurementFiles
 from fraexp.store import Store
 from fraexp.tui.screens.launch_page import LaunchPage
-from fraexp.tui.screens.measurement_page import MARGIN_SIGN, PREDICTED_SIGN, LimitGauges, MeasuredBode, MeasurementPage
+from fraexp.tui.screens.measurement_page import MARGIN_SIGN, PREDICTED_SIGN, LimitGauges, MeasurementPage
 from fraexp.tui.screens.measurement_plan_page import MeasurementPlanPage
 from fraexp.tui.screens.run_page import RunPage
 from fraexp.tui.screens.studies_page import StudiesPage
@@ -142,8 +142,7 @@ def test_a_program_of_a_study_is_allowed_in_a_dialog_before_it_runs(tmp_path, mo
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("size", [(80, 24), (200, 50)])
-def test_a_study_is_planned_measured_and_analysed(axis, size):
+def test_a_study_is_planned_measured_and_analysed(axis):
     async def steps(app, pilot):
         await choose(app, pilot)
         await pilot.press("m")
@@ -161,7 +160,7 @@ def test_a_study_is_planned_measured_and_analysed(axis, size):
         await shows(pilot, "axis-measured", "complete", "2 computed")
         assert app.screen.command.startswith("fraexp show ")
 
-    pilot_of(axis, steps, size)
+    pilot_of(axis, steps)
     with Store.open(str(axis / "results.db"), read_only=True) as store:
         (run,) = store.runs()
         measured = store.results([sweep.key for sweep in store.sweeps(run.number)])
@@ -270,23 +269,6 @@ def test_a_limit_that_is_exceeded_stops_it_and_is_named(axis):
         await shows(pilot, "R tries again")
 
     pilot_of(axis, steps, (120, 40))
-
-
-@pytest.mark.thorough
-def test_what_is_lost_is_listed_and_the_plot_grows(axis):
-    file = axis / "studies" / "axis.toml"
-    file.write_text(file.read_text().replace('name = "simulated",', 'name = "simulated", loss = 0.2,'))
-
-    async def steps(app, pilot):
-        await begin(app, pilot)
-        await until(pilot, lambda: app.measurement.response_version)
-        await until(
-            pilot, lambda: isinstance(app.screen, RunPage) or app.screen.query_one(MeasuredBode).has_class("-drawn")
-        )
-        await until(pilot, lambda: isinstance(app.screen, RunPage))
-        assert any("were asked for again" in notice for notice in app.measurement.notices)
-
-    pilot_of(axis, steps)
 
 
 def test_a_study_that_cannot_be_measured_says_what_it_lacks(tmp_path):

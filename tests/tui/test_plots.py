@@ -14,15 +14,14 @@ from textual.app import App, ComposeResult
 from textual.events import MouseScrollUp
 from textual.pilot import Pilot
 
-from fraexp.data.results import FrequencyResponse, Outcome, Result
+from fraexp.data.results import FrequencyResponse
 from fraexp.figures.elements.shown import ShownResult
-from fraexp.tui.plotting.braille import BLANK_CODE, DOTS_ACROSS, DOTS_DOWN, dash_dots, dot_bits, line_dots
+from fraexp.tui.plotting.braille import BLANK_CODE, DOTS_ACROSS, DOTS_DOWN, line_dots
 from fraexp.tui.plotting.curve_styles import CurveStyles
 from fraexp.tui.plotting.panel_drawing import ISOLATED_SIGN, RESONANCE_SIGN, UNSETTLED_SIGN, prominences, settled_line
 from fraexp.tui.plotting.plot_stack import BodeView
 from fraexp.tui.plotting.plot_widget import LEFT_CELLS, TOP_CELLS, Plot
 from fraexp.tui.plotting.plotted_curves import PlotTrace, bode_picture
-from fraexp.tui.plotting.ticks import TickFormatter
 from fraexp.tui.widgets.readout import readout, shorten_name
 from tests.examples import portion
 from tests.tui.pilots import screen_text, settle, until
@@ -139,13 +138,6 @@ def test_of_many_points_the_extremes_survive() -> None:
     assert not line_dots(x, y, WINDOW, (40, 10))[:, 21:24].any()
 
 
-def test_dots_become_characters() -> None:
-    dots = np.zeros((4, 4), dtype=bool)
-    dots[0, 0] = dots[3, 1] = dots[:, 2] = True
-    assert [chr(BLANK_CODE + int(bits)) for bits in dot_bits(dots)[0]] == ["⢁", "⡇"]
-    assert dash_dots(np.ones((1, 6), dtype=bool), 1, 3).tolist() == [[True, False, False] * 2]
-
-
 @pytest.mark.parametrize("size", [(80, 20), (200, 46)])
 def test_the_resonance_is_drawn_where_the_data_have_it(size: tuple[int, int]) -> None:
     async def steps(view: BodeView, pilot: Pilot[None]) -> None:
@@ -218,52 +210,6 @@ def test_curves_that_coincide_are_both_visible() -> None:
             assert colours.count(view.curve_styles.style(of).lower()) > plot.cells[0] // 4
 
     shown(pair, steps)
-
-
-def test_grid_lines_are_exact_to_the_dot() -> None:
-    async def steps(view: BodeView, pilot: Pilot[None]) -> None:
-        plot = plots_of(view)[0]
-        plot.show(plot.panel, (0.0, 2.0, 13.0, 27.0), view.view_range, view.curve_styles, True, True)
-        columns, rows = plot.cells
-        grid = {
-            (4 * row + dot // 2, 2 * column + dot % 2)
-            for row in range(rows)
-            for column, (text, colour) in enumerate(coloured(plot, row))
-            if is_dots(text) and colour == view.curve_styles.grid
-            for dot, bit in enumerate((0x01, 0x08, 0x02, 0x10, 0x04, 0x20, 0x40, 0x80))
-            if (ord(text) - BLANK_CODE) & bit
-        }
-        horizontal = {row for row in range(4 * rows) if sum(at == row for at, _ in grid) >= columns // 3}
-        ticks = TickFormatter(rows, upright=True).ticks(13.0, 27.0)
-        assert horizontal == {min(int((27 - at) / 14 * 4 * rows), 4 * rows - 1) for at, _ in ticks}
-
-    shown([("a", resonant(GRID))], steps)
-
-
-def test_lines_are_made_anew_when_they_are_seen_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = []
-
-    def counted(*args):
-        made.append(args)
-        return line_dots(*args)
-
-    monkeypatch.setattr("fraexp.tui.plotting.cell_canvas.line_dots", counted)
-
-    async def steps(view: BodeView, pilot: Pilot[None]) -> None:
-        async def lines_of(change: Callable[[], object]) -> int:
-            made.clear()
-            change()
-            await settle(pilot)
-            return sum(len(of[0]) > 2 for of in made)  # grid lines have two points
-
-        assert await lines_of(lambda: view.step(1)) == 0
-        before = drawn_rows(plots_of(view)[0])
-        assert await lines_of(lambda: view.zoom(x=2)) > 0
-        assert drawn_rows(plots_of(view)[0]) != before
-        other = bode_picture([ShownResult("a", Result(Outcome.OK, response=resonant(GRID, at=70.0)))], None)
-        assert await lines_of(lambda: view.display_picture(other)) > 0
-
-    shown([("a", resonant(GRID))], steps)
 
 
 def test_without_colours_curves_carry_their_digits(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -106,38 +106,6 @@ def test_a_file_that_is_added_broken_and_mended_is_noticed(workspace):
 
 
 @pytest.mark.thorough
-def test_a_plugin_that_breaks_is_told_on_other_screens_too(workspace):
-    async def steps(app, pilot):
-        drop(workspace, "raise RuntimeError('[bold]\\x1b[31m')")
-        await until(pilot, lambda: told(app, "plugins/mine.py added; it failed to load: RuntimeError: [bold]\\x1b[31m"))
-
-    pilot_of(workspace, steps)
-
-
-@pytest.mark.thorough
-def test_the_filter_goes_before_the_page_does(workspace):
-    async def steps(app, pilot):
-        await pilot.press("p")
-        await shows(pilot, "composite")
-        await pilot.press("slash", *"nothing like this")
-        await shows(pilot, "No component matches; Esc clears the filter.")
-        await pilot.press("escape")
-        await shows(pilot, "composite")
-        assert not app.screen.line.value
-
-    pilot_of(workspace, steps)
-
-
-@pytest.mark.thorough
-def test_a_workspace_without_plugins_and_database_shows_what_comes_along(tmp_path):
-    async def steps(app, pilot):
-        await pilot.press("p")
-        await shows(pilot, "composite", "used by no stored sweep", "fraexp plugins")
-
-    pilot_of(FraexpApp(tmp_path), steps, size=(160, 50))
-
-
-@pytest.mark.thorough
 def test_enter_on_what_is_no_friction_shows_all_of_its_description(workspace):
     async def steps(app, pilot):
         await pilot.press("p")
@@ -192,35 +160,3 @@ def test_the_watch_tells_what_happened_to_files(tmp_path, there):
     folder.rmdir()
     assert watch.changes() == {"mine.py": "removed"}
     assert watch.changes() == {}
-
-
-@pytest.mark.thorough
-def test_the_page_of_a_broken_file_follows_the_file(workspace):
-    drop(workspace, "import [nowhere\n")
-
-    async def steps(app, pilot):
-        await pilot.press("p")
-        await shows(pilot, "1 broken")
-        await pilot.press("enter")
-        await shows(pilot, "broken: SyntaxError", "fraexp check plugins/mine.py")
-        drop(workspace, LAW.format(stiffness=2.0))
-        await shows(pilot, "A third paragraph", "fraexp check mine --kind friction")
-        drop(workspace, "1/0")
-        await shows(pilot, "broken: ZeroDivisionError")
-        (workspace / "plugins/mine.py").unlink()
-        await shows(pilot, "This component was removed")
-
-    pilot_of(workspace, steps)
-
-
-@pytest.mark.thorough
-def test_a_long_reason_leaves_the_list_its_columns(workspace):
-    drop(workspace, f"raise ValueError('{'because ' * 30}')", "bad.py")
-
-    async def steps(app, pilot):
-        await pilot.press("p")
-        await shows(pilot, "1 broken", "because")
-        head = next(line for line in screen_text(app).splitlines() if "kind" in line)
-        assert head.split() == ["kind", "name", "v", "state", "from"]
-
-    pilot_of(workspace, steps)

@@ -2,17 +2,12 @@
 
 import os
 import signal
-import subprocess
-import sys
-from dataclasses import replace
 
 import pytest
 
 from fraexp.execution import background
-from fraexp.execution.background import BackgroundRun
-from fraexp.store import RunProgress, Store
+from fraexp.store import Store
 from fraexp.tui.screens.run_page import LogTail, RunPage, _launch_arguments, show_run
-from fraexp.tui.screens.runs_page import RunsPage
 from fraexp.tui.widgets import preview_plot
 from fraexp.views.run_progress import bar_text, progress_text
 from fraexp.workspace.workspace_service import WorkspaceService
@@ -71,15 +66,6 @@ def test_failures_are_told_without_commanding_the_terminal(workspace):
         assert isinstance(app.screen, RunPage)  # there is nothing to compare
 
     pilot_of(workspace, steps, (120, 30))
-
-
-@pytest.mark.thorough
-def test_a_run_that_is_not_there_is_told(workspace):
-    async def steps(app, pilot):
-        show_run(app, 9)
-        await shows(pilot, "the newest is run 2")
-
-    pilot_of(workspace, steps)
 
 
 @pytest.mark.thorough
@@ -177,72 +163,6 @@ def test_progress_tells_speed_and_time_left(workspace):
     with Store.open(str(workspace / "results.db"), read_only=True) as store:
         run = store.run(1)
     assert progress_text(run, 4) == "████ 100 %  4 of 4 sweeps"
-
-
-@pytest.mark.thorough
-def test_a_run_that_is_stopped_before_it_began_says_where_the_keys_lead(workspace):
-    log = workspace / "run.log"
-    log.touch()
-    process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)  # as long as we are there
-    started = BackgroundRun(process, log, ("run", "nothing", f"--workspace={workspace}"))
-
-    async def steps(app, pilot):
-        show_run(app, started)
-        await shows(pilot, "starting ...")
-        await pilot.press("x")
-        await shows(pilot, "stopped before the first sweep", "Esc returns to the runs, s to the studies")
-        page = app.screen
-        page._stop_run = None  # nobody is asked to end any more
-        await pilot.press("x", "R")
-        await until(pilot, lambda: isinstance(app.screen, RunPage) and app.screen is not page)
-        app.screen.started.process.wait()
-        await shows(pilot, "there is no study 'nothing'")
-        await pilot.press("escape")
-        await until(pilot, lambda: isinstance(app.screen, RunsPage))
-
-    with process:
-        pilot_of(workspace, steps)
-
-
-@pytest.mark.parametrize(
-    ("done", "parts", "computed", "has_pace"),
-    [(0, [], 0, False), (2, [1.0, 1.0], 0, False), (0.1, [0.1], 0, True), (2, [], 1, True)],
-)
-@pytest.mark.thorough
-def test_while_nothing_ends_or_moves_it_says_what_it_does_if_that_is_known_and_no_time_left(
-    workspace, done, parts, computed, has_pace
-):
-    shares = {str(number): part for number, part in enumerate(parts)}
-    with Store.open(str(workspace / "results.db"), read_only=True) as store:
-        over = store.run(1)
-    run = replace(
-        over,
-        state="running",
-        ended=None,
-        computed=computed,
-        reused=0,
-        failed=0,
-        progress=RunProgress(done, 4, 1, shares),
-    )
-
-    async def steps(app, pilot):
-        show_run(app, 1)
-        await shows(pilot, "4 of 4 sweeps")
-        page = app.screen
-        page.reload = lambda: None
-        page.workers.cancel_group(page, "load")
-        page.query_one("#state")._speed.update(run.heartbeat.timestamp() - 3, 1e-3)
-        await page._show(run)
-        await pilot.pause()
-        text = str(page.query_one("#state").render())
-        assert "compil" not in text  # an estimator may be at work
-        assert ("about" in text and "left" in text) is has_pace
-        compiling = replace(run.progress, doing="compiling friction law 'rolling'")
-        await page._show(replace(run, progress=compiling))
-        await pilot.pause()
-        assert "compiling friction" in str(page.query_one("#state").render())
-
-    pilot_of(workspace, steps)
 
 
 def test_work_that_repeats_itself_rests_for_its_share(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,5 @@
 """The list of runs."""
 
-import pytest
-
 from fraexp.tui.screens.run_page import RunPage
 from fraexp.tui.screens.runs_page import RunsPage
 from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
@@ -38,20 +36,6 @@ def test_a_run_is_deleted_only_if_that_is_confirmed(workspace):
         await pilot.press("u")
         await until(pilot, lambda: len(app.screen.runs) == 2)
         await shows(pilot, "failing")
-
-    pilot_of(workspace, steps)
-
-
-@pytest.mark.thorough
-def test_the_filter_narrows_the_list(workspace):
-    async def steps(app, pilot):
-        await pilot.press("r")
-        await until(pilot, lambda: isinstance(app.screen, RunsPage))
-        await shows(pilot, "failing", "quick")
-        await pilot.press("slash", *"complete", "enter")
-        await until(pilot, lambda: "failing" not in screen_text(app))
-        await pilot.press("escape")
-        await shows(pilot, "failing", "quick")
 
     pilot_of(workspace, steps)
 

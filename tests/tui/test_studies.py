@@ -94,16 +94,6 @@ def test_a_study_that_is_added_is_noticed_and_its_file_can_be_read(workspace):
     pilot_of(workspace, steps)
 
 
-@pytest.mark.thorough
-def test_a_database_that_is_deleted_is_no_traceback(workspace):
-    async def steps(app, pilot):
-        await shows(pilot, "1 complete")
-        (workspace / "results.db").unlink()
-        await shows(pilot, "There is none here yet")
-
-    pilot_of(workspace, steps)
-
-
 def test_a_state_that_is_not_known_yet_is_told_and_only_worked_out_for_who_looks(workspace, monkeypatch):
     begun = []
     monkeypatch.setattr(SurveyProcess, "survey", lambda *_: begun.append(1))

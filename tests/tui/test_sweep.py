@@ -1,12 +1,10 @@
 """One sweep: its sections, and what is told when something has changed."""
 
 import pytest
-from textual import events
-from textual.widgets import TabbedContent
 
 from fraexp.store import Store
-from fraexp.tui.screens.sweep_page import SECTIONS, SweepPage
-from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
+from fraexp.tui.screens.sweep_page import SweepPage
+from tests.tui.pilots import pilot_of, screen_text, shows, until
 
 
 async def opened(app, pilot, key: str) -> None:
@@ -37,15 +35,6 @@ def test_enter_opens_the_sweep_under_the_cursor_and_esc_leaves_it(workspace):
 
 
 @pytest.mark.thorough
-def test_metrics_stand_first(workspace, keys):
-    async def steps(app, pilot):
-        await opened(app, pilot, keys[0])
-        await shows(pilot, "ok", "metrics", "peak force", "estimator = conventional")
-
-    pilot_of(workspace, steps)
-
-
-@pytest.mark.thorough
 def test_all_points_are_shown_and_the_command_follows(workspace, keys):
     async def steps(app, pilot):
         await opened(app, pilot, keys[0])
@@ -55,18 +44,6 @@ def test_all_points_are_shown_and_the_command_follows(workspace, keys):
             response = store.result(keys[0]).response
         for frequency in response.frequency:
             assert f"{frequency:.6g}" in screen_text(app)
-
-    pilot_of(workspace, steps)
-
-
-@pytest.mark.thorough
-def test_points_fit_at_80_columns_and_all_columns_are_there_where_there_is_room(workspace, keys):
-    async def steps(app, pilot):
-        await opened(app, pilot, keys[0])
-        await pilot.press("2")
-        await shows(pilot, "magnitude", "phase", "settled")
-        await pilot.resize_terminal(200, 50)
-        await shows(pilot, "after", "distortion", "output")
 
     pilot_of(workspace, steps)
 
@@ -140,31 +117,6 @@ def test_a_sweep_that_failed_shows_its_message_and_log(workspace):
         await pilot.press("5")
         await shows(pilot, "Traceback", "raise ValueError")
         assert "\x1b" not in screen_text(app)
-
-    pilot_of(workspace, steps)
-
-
-@pytest.mark.thorough
-def test_brackets_lead_through_the_sections_that_have_something(workspace):
-    async def steps(app, pilot):
-        await opened(app, pilot, failed(workspace))
-        await pilot.press("right_square_bracket")
-        await shows(pilot, "plant.rigid_body_gain")
-        await pilot.press("left_square_bracket", "left_square_bracket")
-        await shows(pilot, "Traceback")
-
-    pilot_of(workspace, steps)
-
-
-@pytest.mark.thorough
-def test_of_digits_typed_at_once_the_last_one_counts(workspace, keys):
-    async def steps(app, pilot):
-        await opened(app, pilot, keys[1])
-        for burst in ("451", "321", "2514", "13"):
-            for key in burst:
-                app.post_message(events.Key(key, key))
-            await settle(pilot)
-            assert app.screen.query_one(TabbedContent).active == list(SECTIONS)[int(burst[-1]) - 1]
 
     pilot_of(workspace, steps)
 

@@ -1,11 +1,9 @@
 """All sweeps: filter, order, marks, tags, notes, deletion."""
 
-import shutil
-
 import pytest
 from textual import events
 from textual.keys import _character_to_key
-from textual.widgets import Input, Static
+from textual.widgets import Input
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
@@ -155,20 +153,6 @@ def test_rows_are_sorted_by_a_field_that_is_asked_for_and_turned(workspace):
     pilot_of(workspace, steps, size=(110, 24))
 
 
-@pytest.mark.thorough
-def test_a_click_on_a_title_sorts_and_again_turns(workspace):
-    async def steps(app, pilot):
-        table = await opened(app, pilot)
-        await pilot.click(table, offset=(6, 0))
-        await shows(pilot, "sweep ▲")
-        assert list(table.keys) == sorted(table.keys)
-        await pilot.click(table, offset=(6, 0))
-        await shows(pilot, "sweep ▼")
-        assert list(table.keys) == sorted(table.keys, reverse=True)
-
-    pilot_of(workspace, steps)
-
-
 def test_sweeps_are_marked_one_by_one_and_all_that_match(workspace, monkeypatch):
     monkeypatch.setattr(sweep_table, "MAX_UNCONFIRMED_MARKS", 3)
 
@@ -220,21 +204,6 @@ def test_marked_sweeps_are_tagged_and_untagged(workspace):
         await until(pilot, lambda: " tags " not in screen_text(app))
 
     pilot_of(workspace, steps, size=(110, 24))
-
-
-@pytest.mark.thorough
-def test_a_note_is_written_and_taken_away(workspace):
-    async def steps(app, pilot):
-        table = await opened(app, pilot)
-        await pilot.press("n")
-        await shows(pilot, "Note on sweep")
-        await write(pilot, "odd [bold] at 80 Hz")
-        await pilot.press("enter")
-        await shows(pilot, "note", "odd [bold] at 80 Hz")
-        with Store.open(str(workspace / "results.db")) as store:
-            assert store.note(table.keys[0]) == "odd [bold] at 80 Hz"
-
-    pilot_of(workspace, steps, size=(160, 24))
 
 
 def test_deletion_says_what_is_lost_and_happens_only_if_confirmed(workspace, keys):
@@ -289,32 +258,3 @@ def test_without_a_database_it_says_how_to_make_one(tmp_path):
         assert not app.screen.table.display
 
     pilot_of(tmp_path, steps)
-
-
-@pytest.mark.thorough
-def test_a_database_that_goes_and_comes_back_is_told_of_and_shown_again(workspace):
-    file = workspace / "results.db"
-
-    async def steps(app, pilot):
-        await opened(app, pilot)
-        shutil.move(file, workspace / "away.db")
-        await shows(pilot, "There is no database yet")
-        shutil.move(workspace / "away.db", file)
-        await shows(pilot, "rows 1-5 of 5")
-        assert not app.screen.query_one(".wrong", Static).display
-
-    pilot_of(workspace, steps)
-
-
-@pytest.mark.thorough
-def test_new_sweeps_appear_and_the_cursor_keeps_its_own(workspace):
-    async def steps(app, pilot):
-        table = await opened(app, pilot)
-        await pilot.press("down", "down")
-        key = table.key
-        with Store.open(str(workspace / "results.db")) as store:
-            store.delete([table.keys[0]])
-        await shows(pilot, "rows 1-4 of 4")
-        assert table.key == key
-
-    pilot_of(workspace, steps)

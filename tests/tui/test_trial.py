@@ -1,18 +1,15 @@
 """Trying a friction law on its screen: what is drawn, and what is wrong."""
 
 import shlex
-import threading
 
 import pytest
-from textual.events import Key
 
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.screens.trial_page import TrialInput, TrialPage
-from fraexp.views.law_trial import TRIAL_STUDY, LawTrial
+from fraexp.views.law_trial import TRIAL_STUDY
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.tui.pilots import pilot_of, screen_text, shows, until
 from tests.tui.test_plugins import LAW, drop
-from tests.waiting import HANG_TIMEOUT_S
 
 
 def field(app: FraexpApp, path: str) -> TrialInput:
@@ -112,31 +109,3 @@ def test_the_command_at_the_top_can_be_run(workspace):
     (study,) = WorkspaceService.open(workspace).studies([TRIAL_STUDY], sets)
     assert [sweep.experiment["friction"]["name"] for sweep in study.sweeps] == ["rolling"]
     assert study.sweeps[0].experiment["excitation"]["amplitude"] == 1e-4
-
-
-@pytest.mark.thorough
-def test_keys_do_not_wait_for_a_slow_law(workspace, monkeypatch):
-    drop(workspace, LAW.format(stiffness=2e4))
-    tried, go_on, walked = threading.Event(), threading.Event(), LawTrial._step_law
-
-    def slow(*arguments):
-        tried.set()
-        assert go_on.wait(HANG_TIMEOUT_S)
-        return walked(*arguments)
-
-    monkeypatch.setattr(LawTrial, "_step_law", slow)
-
-    async def steps(app, pilot):
-        await app.push_screen(TrialPage("mine"))
-        await shows(pilot, "friction.stiffness")
-        await until(pilot, tried.is_set)
-        line = field(app, "friction.stiffness").input
-        for _ in range(10):
-            before = line.value
-            app.post_message(Key("up", None))
-            await until(pilot, lambda before=before: line.value != before)
-        assert "/cycle" not in screen_text(app)  # all this while the law was being tried
-        go_on.set()
-        await shows(pilot, "/cycle")
-
-    pilot_of(workspace, steps)

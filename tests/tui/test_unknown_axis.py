@@ -32,29 +32,3 @@ def test_an_unknown_axis_is_measured_stage_by_stage_and_stopped_by_one_key(tmp_p
 
     pilot_of(tmp_path, steps, (120, 40))
     assert machine_events(tmp_path)[-1]["event"] == "rest"
-
-
-@pytest.mark.thorough
-def test_points_that_are_repeated_keep_the_label_of_their_stage(tmp_path):
-    lossy = STUDY.replace('name = "simulated",', 'name = "simulated", loss = 0.3, speed = 0,')
-    write_study(tmp_path, lossy[: lossy.index("[excitation]")] + lossy[lossy.index("[loop]") : lossy.index("[grid]")])
-
-    async def steps(app, pilot):
-        await begin_autonomously(app, pilot)
-        await until(pilot, lambda: app.measurement.response_version > 2)
-        assert any("asked for again" in notice for notice in app.measurement.notices)
-        assert [label for label, _ in app.measurement.responses()] == ["up to 0.9 times friction"]
-        await pilot.press("x")
-        await until(pilot, lambda: app.measurement.has_ended)
-
-    pilot_of(tmp_path, steps, (120, 40))
-
-
-async def begin_autonomously(app, pilot) -> None:
-    """Let an unknown axis be measured."""
-    await choose(app, pilot)
-    await pilot.press("m")
-    await shows(pilot, "an autonomous measurement")
-    await pilot.press("enter")
-    await shows(pilot, "will move, as far as its limits allow.")
-    await pilot.press("y")
