@@ -60,7 +60,7 @@ DEFECTS = (
     ),
     Defect(
         "sign of Coulomb friction", f"{PLUGINS}/friction/coulomb.py",
-        "z[0] + max_stiffness * dy", "z[0] - max_stiffness * dy", "tests/physics/test_friction_closed_forms.py",
+        "z[0] + max_stiffness * dy", "z[0] - max_stiffness * dy", "tests/physics/test_steady_sliding.py",
     ),
     Defect(
         "Dahl's exponent halved", f"{PLUGINS}/friction/dahl.py",

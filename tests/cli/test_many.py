@@ -12,7 +12,6 @@ from fraexp.cli.arguments import parse
 from fraexp.cli.compare import execute as compare
 from fraexp.cli.follow import MAX_REPORTED_FAILURES, MAX_TABLE_SWEEPS, RunEvents, follow, print_outcome
 from fraexp.cli.show import execute as show
-from fraexp.cli.summary import Quantity, quantile_rows
 from fraexp.data.results import Metric, Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.execution.events import Ended, Event, Finished
@@ -111,11 +110,6 @@ def test_a_comparison_of_many_has_the_summary_and_the_differences(
     assert "estimator  30 h1, 30 h2" in printed.out
     assert "49.2480" in printed.out, "20 lg 290"
     assert "--all shows each sweep" in " ".join(printed.err.split())
-
-
-def test_unknown_numbers_are_in_no_quantile() -> None:
-    quantity = Quantity("x", np.array([1.0, np.nan, 3.0, np.nan]), decimals=1)
-    assert quantile_rows([quantity], ["a", "a", "a", "b"], True) == [["x", "a", "1.0", "1.1", "2.0", "2.9", "3.0", "2"]]
 
 
 def test_many_failures_are_told_by_the_first_ones(capsys: pytest.CaptureFixture[str]) -> None:

@@ -54,18 +54,6 @@ def test_what_is_under_way_is_told_and_no_share_that_contradicts_the_count(
     assert capsys.readouterr().err.startswith("0 of 1 sweep, 1 in progress at 50 %, 30 s")
 
 
-def test_it_is_not_all_done_while_a_sweep_is_estimated(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
-    meter = Meter()
-    meter.finish()
-    clock.now += 10
-    meter.move(2, 2, 1)
-    assert capsys.readouterr().err == "1 of 2 sweeps, 1 in progress, 10 s, estimating\n"
-    clock.now += 10
-    meter.finish()
-    meter.move(2, 2, 0)
-    assert capsys.readouterr().err == "2 of 2 sweeps, 20 s\n"
-
-
 @pytest.mark.parametrize(
     ("time", "text"),
     [

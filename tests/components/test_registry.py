@@ -6,7 +6,6 @@ from pathlib import Path
 import fraexp_plugins
 import pytest
 
-from fraexp.components.law_check import check_law
 from fraexp.components.registry import discover
 from fraexp.errors import ParameterError, PluginError
 
@@ -46,7 +45,6 @@ def test_a_dropped_file_supplies_its_component(tmp_path):
             "ModuleNotFoundError: No module named 'nowhere_to_be_found' (broken.py, line 1)",
         ),
         ("x = (", "SyntaxError"),
-        ("import sys\nsys.exit(3)", "SystemExit: 3"),
         ("1/0", "ZeroDivisionError: division by zero (broken.py, line 1)"),
     ],
 )
@@ -67,7 +65,6 @@ def test_a_file_that_cannot_be_loaded_is_reported_and_the_rest_goes_on(tmp_path,
             "mine.advance takes 'kk', which is not a parameter; did you mean 'k'?",
         ),
         ({"arguments": "dy, z, dt, z_next, k"}, "expected (z, dy, dt, z_next, ...)"),
-        ({"version": "'a'"}, "expected a whole number"),
         ({"version": "1, api=0"}, "class Mine has the unknown argument 'api'; known: name, version"),
     ],
 )
@@ -129,10 +126,8 @@ def test_what_a_plugin_prints_is_no_data(tmp_path, capsys):
     ("body", "reason"),
     [
         ("z_next[5] = 1.0; return k * dy", "(mine.py, line 12) wrote z_next[5] of 1 on dy = 1e-09 m"),
-        ("z_next[0] = 0.0; z_next[-2] = 1.0; return k * dy", "wrote z_next[-2] of 1"),
         ("z_next[0] = dy; return z[1] if dy < -1e-3 else k * dy", "read z[1] of 1"),
         ("z_next[0] = z[0] + dy; return z[int(z[0] * 100)]", "read z["),  # after a long way only
-        ("z_next[0] = dy; return z_next[1] if dy * z[0] < 0 and abs(dy) > 1e-5 else 0.0", "read z_next[1] of 1"),
         ("z[0] = 1.0; z_next[0] = z[0]; return k * dy", "writes z[0]; it may write only z_next"),
         (
             "z_next[0] = dy\n        if abs(dy) > 2e-4: z[0] = 0.0\n        return k * dy",
@@ -140,7 +135,6 @@ def test_what_a_plugin_prints_is_no_data(tmp_path, capsys):
         ),
         ("z_next[0] = 0.0; return float('nan')", "expected finite numbers"),
         ("return k * dy", "expected finite numbers"),
-        ("raise ValueError('boom')", "fails on dy = 1e-09 m in 0.0001 s: ValueError: boom"),
     ],
 )
 def test_a_law_that_would_go_wrong_when_compiled_is_refused_before(tmp_path, body, reason):
@@ -157,18 +151,6 @@ def test_a_law_that_overflows_only_at_absurd_speed_is_let_through(tmp_path):
     drop(tmp_path, "mine.py", "import math; z_next[0] = 0.0; return k * math.sinh(1e4 * dy / dt)")
     with pytest.raises(PluginError, match="OverflowError"):
         discover(tmp_path).create("friction", {"name": "mine"}).check_law()
-
-
-def test_a_rehearsal_is_a_short_walk(registry):
-    model = registry.create("friction", {"name": "rolling", "preset": "linear_motor_table"})
-    walked = []
-
-    def law(*arguments):
-        walked.append(1)
-        return model.law(*arguments)
-
-    check_law("rolling", law, model.law_arguments(), model.state_size, lambda: model.max_stiffness)
-    assert 0 < len(walked) < 150  # each a few microseconds in plain Python
 
 
 def test_two_plugins_of_one_name_are_both_named_whenever_it_is_asked_for(tmp_path):

@@ -144,17 +144,9 @@ def test_detection_may_be_as_large_as_the_number_of_lines():
             {"max_frequency": 1000},
             "multisine reaches 1000 Hz; at a sample time of 0.0005 s the Nyquist frequency is 1000 Hz",
         ),
-        ({"min_frequency": 10.1, "max_frequency": 10.2}, "no line between 10.1 and 10.2 Hz; widen the frequency range"),
-        ({"line_spacing": 1e-4}, "has 20,000,000 samples per period"),
         ({"realisations": 1000, "recorded_periods": 100}, "records 400,000,000 samples in all"),
-        ({"realisations": 2, "crest_iterations": 9}, "2 realisations, whose phases must stay random; give one of both"),
         ({"detection_group_size": 1}, "multisine.detection_group_size is 1, which leaves no line to excite"),
-        (
-            {"detection_group_size": 5, "max_frequency": 5},
-            "multisine.detection_group_size is 5, but there are only 4 lines between 1 and 5 Hz",
-        ),
         ({"amplitude_profile": ((10, 1), (5, 1))}, "expected them to ascend"),
-        ({"amplitude_profile": ((10, 0),)}, "multisine.amplitude_profile has a number of 0 or less"),
     ],
 )
 def test_impossible_grids_are_refused_in_one_line(parameters, reason):

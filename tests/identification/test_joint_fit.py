@@ -54,25 +54,3 @@ def test_the_joint_step_is_that_of_a_minimiser_that_knows_no_blocks():
     ]
     covariance = np.linalg.inv(np.sum(corners, axis=2) / (4 * h**2))
     np.testing.assert_allclose(step.covariances[1][:2, :2], covariance[:2, :2], rtol=0.01)
-
-
-def test_own_parameters_beside_those_of_a_joint_fit_scatter_as_their_covariance_says():
-    """The whole estimator as a matrix, from the noise of all records to each parameter, by least squares alone."""
-    random, std, forces, own = np.random.default_rng(8), 0.4, 2, 3
-    records = [
-        LinearRecord(random.normal(0, 2, 40), random.normal(0, 1, (40, 2)), random.normal(0, 1, (40, own)), 0.0, std)
-        for _ in range(3)
-    ]
-    design = np.zeros((120, 2 + 3))  # that of the joint fit: of its own parameters each record has the last one only
-    for place, record in enumerate(records):
-        rows = slice(40 * place, 40 * place + 40)
-        design[rows, :2], design[rows, 2 + place] = record.shared, record.own[:, -1]
-    of_shared = np.linalg.pinv(design)[:2]
-    radii = np.full(2, 1e6), [np.full(own, 1e6)] * 3
-    found = fit_linear(records, *radii).covariances_beside(std**2 * of_shared @ of_shared.T, np.ones(3), [forces] * 3)
-    for place, record in enumerate(records):
-        of_own = np.zeros((own, 120))
-        of_own[:, 40 * place : 40 * place + 40] = np.linalg.pinv(record.own)
-        of_own -= np.linalg.pinv(record.own) @ record.shared @ of_shared
-        every = np.concatenate([of_shared, of_own])
-        np.testing.assert_allclose(found[place], std**2 * every @ every.T, rtol=1e-6, atol=1e-12)

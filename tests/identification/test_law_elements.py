@@ -151,3 +151,29 @@ def test_a_law_is_judged_by_what_the_encoder_does_to_it(error: float, monkeypatc
     if not error:
         assert best.residual < 1.5
         assert best.coulomb == pytest.approx(10.0, rel=0.01)
+
+
+def signals_of(mode: float = np.inf) -> Signals:
+    """Return records of a mass and two elements, which a mode at some frequency [Hz] makes appear larger."""
+    law = RollingElements(np.log([1e-12]), np.array([1e-6, 4e-6]))
+    model = law.model(np.array([4.0, 6.0, 0, 0, 0, 0]), 0.0)
+    segments = [
+        record_of(model, f, speed / (2 * np.pi * f), 5.0 / (1 - (f / mode) ** 2))
+        for f in np.geomspace(2.0, 20.0, 10)
+        for speed in (1e-3, 8e-3, 0.06)
+    ]
+    return Signals(tuple(segments), {"u": "N", "y": "m"})
+
+
+@pytest.mark.parametrize(("mode", "is_free"), [(60.0, True), (3.5, False)])
+def test_a_mode_near_the_lowest_frequencies_is_not_taken_for_a_free_body(
+    mode: float, is_free: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Far below the first mode an axis is a free body: elements that are a spring in most records are seen there."""
+    families = law_choice._families
+    monkeypatch.setattr(law_choice, "_families", lambda *given: [next(families(*given))])
+    observer, known = ElementObserver(friction=Frictionless(), oversampling=4), np.array([0.5, 100.0])
+    inverse = known, -5.0 * (2 * np.pi * known) ** 2 + 0j
+    choice: LawChoice = choose_law(signals_of(mode), observer, inverse, False)
+    assert (choice.records.free_lines.size > 0) == is_free
+    assert choice.best.coulomb == pytest.approx(10.0, rel=2e-3)

@@ -179,7 +179,6 @@ def test_unknown_noise_is_found(recorded, noise, periods):
     ("names", "message"),
     [
         (("force_scal",), r"maximum_likelihood\.free: .*'force_scal'.*force_scale"),
-        (("force_scale", "force_scale"), r"names 'force_scale' twice"),
         (("curve",), r"maximum_likelihood\.free: 'curve' is"),
     ],
 )

@@ -8,7 +8,6 @@ from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.estimators.friction_model_test import FrictionModelTest
 from fraexp_plugins.friction.none import Frictionless
-from fraexp_plugins.identification.plant._shared.modal_model import ModalModel
 from fraexp_plugins.identification.plant._shared.whiteness import whiteness
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
@@ -29,19 +28,6 @@ from tests.identification.plant_responses import (
     worst,
 )
 from tests.machines import TABLE, guide, simulated
-
-
-def test_the_logarithm_and_its_derivatives_agree():
-    model = ModalModel(2, 1.0, 200.0, fit_viscous=True)
-    p = np.array([np.log(0.13), np.log(38), np.log(0.03), 0.3, np.log(80), np.log(0.02), -0.2, 0.4, 1.5])
-    s = 2j * np.pi * FREQUENCY
-    step = 1e-6 * np.eye(p.size)
-    by_difference = [(model.log_response(p + h, s) - model.log_response(p - h, s)) / 2e-6 for h in step]
-    assert model.jacobian(p, s) == pytest.approx(np.stack(by_difference, axis=1), rel=1e-6, abs=1e-7)
-    slopes = np.stack([(model.values(p + h) - model.values(p - h)) / 2e-6 for h in step], axis=1)
-    assert model.slopes(p) == pytest.approx(slopes, rel=1e-6, abs=1e-7)
-    exact = model.plant(p).response(2 * np.pi * FREQUENCY) * np.exp(-s * model.values(p)[-1])
-    assert np.exp(model.log_response(p, s)) == pytest.approx(exact, rel=1e-12)
 
 
 def test_a_viscous_rigid_body_is_the_same_in_both_forms():

@@ -14,7 +14,7 @@ def slider(workspace: fraexp.Workspace) -> fraexp.FrictionLaw:
     return workspace.friction_law("rolling", stiffness=[STIFFNESS], limit_force=[COULOMB])
 
 
-@pytest.mark.parametrize("ratio", [0.5, 1.01, 2.0, 10.0, 100.0])
+@pytest.mark.parametrize("ratio", [0.5, 2.0])
 def test_the_describing_function_of_a_spring_with_a_slider(slider: fraexp.FrictionLaw, ratio: float) -> None:
     amplitude = ratio * BREAKAWAY
     # the elastic slide, by integrating its loop over a sine (e.g. Gelb and Vander Velde, 1968, appendix B)
@@ -33,21 +33,6 @@ def test_viscous_friction_is_a_part_of_it(workspace: fraexp.Workspace) -> None:
     np.testing.assert_allclose(difference, 2j * np.pi * 7.0 * 4.0)
     time = np.arange(1000) * 1e-3
     np.testing.assert_allclose((law.force(0.2 * time) - plain.force(0.2 * time)), 0.8, rtol=1e-9)
-
-
-def test_the_force_along_a_motion(slider: fraexp.FrictionLaw) -> None:
-    displacement = np.concatenate([np.linspace(0, 30e-6, 301), np.linspace(30e-6, 5e-6, 251)[1:]])
-    expected, force = [], 0.0
-    for step in np.diff(displacement, prepend=0.0):
-        force = float(np.clip(force + STIFFNESS * step, -COULOMB, COULOMB))
-        expected.append(force)
-    np.testing.assert_allclose(slider.force(displacement), expected, atol=1e-9)
-
-
-def test_a_loop_encloses_its_energy(slider: fraexp.FrictionLaw) -> None:
-    displacement, force = slider.loop(50e-6)
-    energy = np.sum((force + np.roll(force, -1)) / 2 * (np.roll(displacement, -1) - displacement))
-    assert energy == pytest.approx(4 * COULOMB * (50e-6 - BREAKAWAY), rel=1e-4)
 
 
 def test_the_shape_of_the_amplitudes_is_kept(slider: fraexp.FrictionLaw) -> None:

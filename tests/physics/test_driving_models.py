@@ -34,13 +34,6 @@ def test_a_driven_element_shows_its_energy_and_peak(excitation):
     assert found["displacement amplitude"] == pytest.approx(2.0, rel=1e-9)
 
 
-def test_a_driven_element_shows_its_describing_function():
-    element = Rolling(stiffness=(1.0,), limit_force=(1.0,))
-    found = metrics(Hysteresis().estimate(drive_friction(element, DisplacementSine(amplitude=5.0), SAMPLE)))
-    assert found["describing function, real"] == pytest.approx(0.142378, abs=2e-6)
-    assert found["describing function, imaginary"] == pytest.approx(0.203718, abs=2e-6)
-
-
 def test_viscous_friction_is_part_of_the_loop():
     period: Period = DisplacementTriangle(amplitude=1.0, frequency=1.0).periods(SAMPLE)[0]
     signals = drive_friction(

@@ -15,7 +15,6 @@ SLIDING = [
     Elastoplastic.parse(Elastoplastic.presets["dupont_2002"], "elastoplastic"),
     GeneralizedMaxwellSlip.parse(GeneralizedMaxwellSlip.presets["reference"], "gms"),
 ]
-UNIT = Coulomb(coulomb_force=1.0)
 
 
 @pytest.mark.parametrize("velocity", [1e-5, 4e-4, -1e-3, 3e-3, -1e-2])
@@ -30,14 +29,6 @@ def test_stribeck_curve(model, velocity):
 
 def test_viscous_part_is_linear_and_apart_from_the_law():
     assert [model.viscous for model in SLIDING] == [0.0, 0.4, 0.4, 0.0]
-
-
-def test_harmonics_of_coulomb_friction():
-    force = UNIT.force(cosine(10.0), 1e-4, periodic=True)
-    total, first = np.sqrt(2 * np.mean(force**2)), abs(harmonic(force))
-    assert np.sqrt((total / first) ** 2 - 1) == pytest.approx(0.483426, abs=5e-5)  # of 20 000 samples two lie at rest
-    assert harmonic(force).imag == pytest.approx(4 / np.pi, rel=1e-6)
-    assert abs(harmonic(force, 3)) / first == pytest.approx(1 / 3, abs=1e-4)
 
 
 @pytest.mark.parametrize("amplitude", [1e-6, 1e-3, 2.0])

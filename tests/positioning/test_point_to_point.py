@@ -123,7 +123,6 @@ def test_a_move_that_is_too_short_for_the_limit_is_refused_with_the_least_number
     [
         ({"duration": 1e-3}, r"2 samples.*too short: 6 states.*expected 6 samples"),
         ({"force_limit": 10.0}, "force_limit 10 N is not above the 17.9 N that rest"),
-        ({"duration": 100.0}, "too long to be planned; expected 100,000"),
         (
             {"duration": 2.0, "force_limit": 17.91, "targets": (0.5,)},
             "4,000 samples cannot be planned for a force_limit",
@@ -132,15 +131,11 @@ def test_a_move_that_is_too_short_for_the_limit_is_refused_with_the_least_number
             {"dwell_time": 1000.0, "targets": (1e-3, 2e-3)},
             "4,000,160 samples; expected 250,000.*shorten 'dwell_time', or take fewer",
         ),
-        ({"duration": 1000.0}, "2,000,400 samples; expected 250,000 or fewer: shorten 'duration'$"),
-        ({"targets": ()}, "targets needs one or more positions"),
         ({"targets": (1e-3, 1e-3)}, "each different from the one before"),
-        ({"input_time_constants": (0.0,)}, "those of first-order lags must be above 0 s"),
         (
             {"duration": 4e-3},
             r"8 samples \(0.004 s\) needs 4.14e\+07 N and 9e\+06 m/s².*force_limit, the maximum thrust",
         ),
-        ({"duration": 3e-3, "profile": "jerk_limited"}, r"needs 8.4\d+e\+03 N and 1.3\d*e\+03 m/s²"),
     ],
 )
 def test_what_cannot_be_planned_is_refused_in_one_line(given, message):

@@ -91,16 +91,6 @@ def test_what_goes_on_vibrating_is_told_apart_from_what_stays_off():
     assert "±4 µm: it stays 30 µm off and it vibrates by 20 µm at 25 Hz; improve" in both.message
 
 
-def test_a_band_that_the_scale_does_not_resolve_names_the_scale():
-    of = signals(np.full(200, 1e-7))
-    message = PositioningMetrics(settling_window=1e-12, resolution=1e-7).estimate(of).message
-    assert message == (
-        "after 1 of 1 move the position is not within ±0.001 nm: the encoder has a quantisation step of 0.1 µm; "
-        "take a wider settling window, or a better encoder"
-    )
-    assert "a noise of 50 nm" in PositioningMetrics(settling_window=9e-8, noise=50e-9).estimate(of).message
-
-
 @pytest.mark.parametrize(("band", "target"), [(1.0, 1e-3), (4e-6, 1e-9)])
 def test_a_move_within_the_band_tests_nothing_and_says_so(band, target):
     result = PositioningMetrics(settling_window=band).estimate(signals(np.zeros(200), target=target))

@@ -10,7 +10,6 @@ from fraexp_plugins.positioning.point_to_point import PointToPoint
 
 from fraexp.components.kinds import Excitation
 from fraexp.components.periods import Period, Schedule
-from fraexp.data.signals import Segment
 from fraexp.errors import ParameterError
 from fraexp.simulation.experiments import Compensation
 from fraexp.simulation.loop import simulate_loop
@@ -113,26 +112,6 @@ def test_a_move_that_exceeds_a_limit_is_refused() -> None:
         check_limits(MotionLimits(stroke=1.51e-3, force=45.0), machine(), move)
     with pytest.raises(ParameterError, match=r"a stroke of 0.0015 m; limits.stroke is 0.0014 m"):
         check_limits(MotionLimits(stroke=1.4e-3), machine(), move)
-
-
-class Growing(SteppedSine):
-    """Doubles the force until the displacement is large enough."""
-
-    def revise(self, period: Period, segment: Segment) -> Period | None:
-        if np.ptp(segment.channels["y"]) > 100e-6:
-            return None
-        return Period(2 * period.waveform, period.lines)
-
-
-def test_an_excitation_may_ask_for_another_period_until_the_record_will_do() -> None:
-    excitation = Growing(amplitude=1.0, frequencies=(20.0, 40.0))
-    told: list[float] = []
-    signals = simulate_loop(machine(guide()), excitation, told.append)
-    for segment in signals.segments:
-        force = np.abs(segment.channels["excitation"]).max()
-        assert np.ptp(segment.channels["y"]) > 100e-6
-        assert np.log2(force) == pytest.approx(round(np.log2(force)), abs=0.02)
-    assert told[-1] == 1.0
 
 
 def test_the_excitation_is_a_channel_in_step_with_the_record() -> None:

@@ -11,7 +11,7 @@ from textual.widgets import Static
 import fraexp.tui.screens
 from fraexp.tui import dialogs, page
 from fraexp.tui.app import FraexpApp
-from fraexp.tui.dialogs import ConfirmDialog, InputDialog
+from fraexp.tui.dialogs import ConfirmDialog
 from fraexp.tui.page import PLACES
 from fraexp.tui.screens.help_screen import HelpPage
 from fraexp.tui.screens.trial_page import TrialPage
@@ -77,24 +77,6 @@ def test_a_question_is_answered_with_yes_alone(workspace):
 
     pilot_of(workspace, steps)
     assert answers == [False, False, False, True]
-
-
-@pytest.mark.thorough
-def test_a_line_that_is_wrong_is_not_taken(workspace):
-    answers = []
-
-    async def steps(app, pilot):
-        app.push_screen(
-            InputDialog("File?", "a", lambda text: "" if text.endswith(".png") else "expected .png"), answers.append
-        )
-        await pilot.press("enter")
-        await shows(pilot, "expected .png")
-        assert not answers
-        await pilot.press("end", *".png", "enter")
-        await until(pilot, lambda: answers)
-
-    pilot_of(workspace, steps)
-    assert answers == ["a.png"]
 
 
 def test_help_leads_to_its_end_and_tells_our_keys_alone(workspace):
