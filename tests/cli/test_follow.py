@@ -93,11 +93,6 @@ def test_a_run_as_json_is_one_document(arguments: Namespace, capsys: pytest.Capt
     assert [sweep["state"] for sweep in document["runs"][0]["sweeps"]] == ["computed"] * 4 + ["failed"]
 
 
-def test_a_dry_run_prints_no_table(arguments: Namespace, capsys: pytest.CaptureFixture[str]) -> None:
-    assert told(RunEvents(planned=[PLANNED], ended=[Ended(None, "dry")]), arguments) == ExitCode.OK
-    assert capsys.readouterr().out == ""
-
-
 @pytest.mark.parametrize(
     ("outcome", "code"),
     [

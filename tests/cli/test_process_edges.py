@@ -127,16 +127,6 @@ def test_a_study_without_a_name_is_refused(name: str, tmp_path: Path, capsys: py
     assert "a study's name is empty" in capsys.readouterr().err
 
 
-@pytest.mark.thorough
-def test_a_folder_named_like_a_study_is_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "studies" / "dir.toml").mkdir(parents=True)
-    assert main(["list", "--studies", "--workspace", str(tmp_path)]) == ExitCode.OK
-    printed = capsys.readouterr()
-    assert "dir" not in printed.out.split()
-    assert printed.err == ""
-    assert main(["run", "dir", "--workspace", str(tmp_path), "--dry-run"]) == ExitCode.USAGE
-
-
 @pytest.mark.parametrize(
     ("name", "meaning"),
     [

@@ -79,16 +79,6 @@ def test_an_executor_that_cannot_be_had_leaves_no_run(
     assert json.loads(capsys.readouterr().out).get("runs", []) == []
 
 
-@pytest.mark.thorough
-def test_a_study_with_nothing_to_compute_needs_no_executor(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("distributed", reason="Dask is not installed: pip install distributed")
-    assert main(["run", "methods", "--executor", "serial"]) == ExitCode.OK
-    assert main(["run", "methods", "--executor", "dask:tcp://127.0.0.1:1"]) == ExitCode.OK
-    assert "run 2 complete: 2 sweeps, 0 computed, 2 reused" in capsys.readouterr().out
-
-
 def test_workers_that_are_gone_for_good_are_sweeps_that_were_not_reached(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

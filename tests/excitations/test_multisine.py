@@ -120,19 +120,6 @@ def test_periods_are_even_numbers_of_samples_with_small_prime_factors(sample_tim
     assert samples == 1
 
 
-def test_the_transient_from_rest_is_recorded_where_it_is_asked_for():
-    assert Multisine(rms=1, transient=True, recorded_periods=3).schedule.settling_timeout == 0
-    assert Multisine(rms=1, transient=True, recorded_periods=3).schedule.recorded_periods == 3
-    assert Multisine(rms=1).schedule.settling_timeout > 0
-
-
-def test_detection_may_be_as_large_as_the_number_of_lines():
-    excitation = Multisine(rms=1, max_frequency=5, detection_group_size=4)
-    excitation.check(TS)
-    assert excitation.grid().size == 4
-    assert excitation.lines().size == 3
-
-
 @pytest.mark.parametrize(
     ("parameters", "reason"),
     [

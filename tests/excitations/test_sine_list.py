@@ -8,10 +8,7 @@ import pytest
 from fraexp.components.kinds import Excitation
 from fraexp.components.registry import create
 from fraexp.errors import ParameterError
-from fraexp.measurement.measurement_plan import ExperimentPlan
-from fraexp.simulation.experiments import Experiment
 from fraexp.simulation.loop import simulate_loop
-from fraexp.simulation.loop_setup import prepare_setup
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.excitations.spectra import TS, amplitudes, others
 from tests.machines import LEAD, TABLE, guide
@@ -50,15 +47,6 @@ def test_each_sine_is_recorded_as_often_as_it_says(made, machine):
     assert [segment.samples for segment in signals.segments] == [period.waveform.size for period in made().periods(TS)]
     same = simulate_loop(machine, made(recorded_periods=2), lambda _: None)
     assert [len(segment.channels["y"]) for segment in same.segments] == [2, 2, 2]
-
-
-def test_a_plan_counts_the_periods_of_each_sine(made, machine):
-    setup, excitation = prepare_setup(machine), made(period_counts=[3, 1, 2])
-    plans = [
-        ExperimentPlan.from_experiment(Experiment(setup, period, excitation.schedule, number))
-        for number, period in enumerate(excitation.periods(TS))
-    ]
-    assert [plan.periods for plan in plans] == [3, 1, 2]
 
 
 @pytest.mark.parametrize("cycles", [2, 7, 10])

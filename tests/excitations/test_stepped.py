@@ -175,13 +175,6 @@ def test_the_number_of_points_that_fits_is_named_and_fits(lowest, highest):
     assert len({period.lines[0] / period.waveform.size for period in periods}) == fitting
 
 
-def test_frequencies_that_are_close_but_stay_apart_are_run():
-    excitation = SteppedSine(amplitude=1, frequencies=(200.0, 200.2, 20.0))
-    excitation.check(TS)
-    lines = {period.lines[0] / period.waveform.size for period in excitation.periods(TS)}
-    assert len(lines) == 3
-
-
 def velocity(period) -> np.ndarray:
     """Return the velocity of the base motion between its samples [m/s]."""
     return np.diff(np.append(period.reference, period.reference[0])) / TS

@@ -11,7 +11,7 @@ from fraexp.components.kinds import Plant
 from fraexp.components.registry import Registry, create
 from fraexp.data.results import Outcome, Result
 from fraexp.data.signals import Verification
-from fraexp.execution.certificate import NUMERICAL_ERROR, certify, spread_error
+from fraexp.execution.certificate import NUMERICAL_ERROR, certify
 from fraexp.execution.job import Job, run_job
 from fraexp.study.study_file import load
 from tests.machines import guide, simulated
@@ -111,14 +111,6 @@ def test_what_the_motion_does_not_show_is_known_at_every_frequency(registry: Reg
     assert np.all(error <= right.response.numerical_error)
     assert np.all(right.response.numerical_error <= error + 1e-4)
     assert wrong.response.numerical_error == pytest.approx(right.response.numerical_error)
-
-
-def test_between_verified_frequencies_the_greater_error_counts():
-    known, error = np.array([1.0, 10.0, 5.0]), np.array([1e-4, 3e-4, np.nan])
-    assert spread_error(np.array([0.5, 1.0, 3.0, 10.0, 20.0]), known, error) == pytest.approx(
-        [1e-4, 1e-4, 3e-4, 3e-4, 3e-4]
-    )
-    assert np.isnan(spread_error(np.array([1.0]), known[2:], error[2:])).all()
 
 
 def test_a_doubt_of_the_estimator_leaves_that_of_the_computation():

@@ -120,12 +120,6 @@ def test_a_run_whose_sweeps_were_taken_over_stores_none_of_them(path: Path) -> N
         assert [sweep.state for sweep in store.sweeps(sleeper)] == ["pending"] * 4 + ["computed"] * 2
 
 
-def test_a_run_that_is_begun_again_is_stored_once(path: Path) -> None:
-    with Store.open(str(path), create=True) as store:
-        numbers = [store.begin_run("study", "study.toml", "", {"run_id": of}, GRID) for of in ("a", "a", "b")]
-        assert numbers == [1, 1, 2]
-
-
 DRIVEN = """
 title = "Driven"
 loop = {sample_time = 1e-3}

@@ -66,13 +66,6 @@ def test_back_propagation_finds_the_elements_viscous_coefficients():
     assert found.component["damping"] == pytest.approx(damped.damping, rel=1e-6)
 
 
-@pytest.mark.thorough
-def test_back_propagation_is_never_worse_than_its_start():
-    noisy = record(GUIDE, noise=NOISE)
-    grid, refined = (values(one.estimate(noisy)) for one in (RollingIdentification(), GradientFit()))
-    assert refined["rms error, fitted cycles"] <= grid["rms error, fitted cycles"] * (1 + 1e-12)
-
-
 def test_masing_inversion_finds_the_elements_in_the_branches():
     result = MasingInversion(thresholds=KNOWN, viscous_coefficient=GUIDE.viscous).estimate(record(GUIDE))
     assert np.array(result.fits[0].component["stiffness"]) == pytest.approx(GUIDE.element_stiffness, rel=1e-6)

@@ -140,19 +140,6 @@ def test_coulomb_friction_mass_viscous_friction_and_offset_come_from_one_record_
     assert found["offset"] == pytest.approx(2.0, rel=0.01)
 
 
-@pytest.mark.thorough
-def test_a_measured_acceleration_takes_the_place_of_differences(triangle):
-    segment = triangle.segments[0]
-    y = segment.channels["displacement"].ravel()
-    second = np.gradient(np.gradient(y, segment.sample_time), segment.sample_time).reshape(segment.channels["y"].shape)
-    more = Segment(segment.sample_time, {**segment.channels, "a": second}, segment.lines, segment.settling)
-    signals = Signals((more,), {**triangle.units, "a": "m/s^2"})
-    estimator = RollingIdentification(
-        thrust="u", displacement="displacement", acceleration="a", input_dead_time=DEAD_TIME
-    )
-    assert values(estimator.estimate(signals))["mass"] == pytest.approx(1 / 0.132, rel=0.012)
-
-
 def test_runs_at_constant_velocity_give_the_viscous_coefficient():
     excitation = ConstantVelocities(velocities=(5e-3, 10e-3, 20e-3), travel=20e-3, cycles=2)
     result = ViscousIdentification().estimate(recorded(excitation, guide(), noise=30e-9))
@@ -176,14 +163,6 @@ def test_one_velocity_alone_is_refused():
     excitation = ConstantVelocities(velocities=(10e-3,), travel=20e-3, cycles=2)
     with pytest.raises(RecordError, match=r"all 4 runs are at one velocity, 0.01 m/s; expected runs at different"):
         ViscousIdentification().estimate(recorded(excitation, guide()))
-
-
-@pytest.mark.thorough
-def test_friction_that_falls_with_the_velocity_is_refused():
-    friction = Coulomb(coulomb_force=15.0, static_force=18.0, stribeck_velocity=12e-3)
-    excitation = ConstantVelocities(velocities=(5e-3, 10e-3, 20e-3), travel=20e-3, cycles=2)
-    with pytest.raises(RecordError, match="friction falls with the velocity"):
-        ViscousIdentification().estimate(recorded(excitation, friction, resolution=0.0))
 
 
 @pytest.mark.parametrize(

@@ -52,13 +52,6 @@ def test_the_law_is_found_and_held_out_parts_are_met_to_the_noise(model, estimat
 
 
 @pytest.mark.thorough
-def test_the_elastoplastic_model_is_found_to_rounding_without_noise():
-    found = ElastoplasticIdentification().estimate(varied(BRISTLE)).fits[0].component
-    numbers = {key: value for key, value in BRISTLE.spec().items() if isinstance(value, float)}
-    assert {key: found[key] for key in numbers} == pytest.approx(numbers, rel=1e-8)
-
-
-@pytest.mark.thorough
 def test_the_rolling_model_has_no_part_in_a_stribeck_effect_and_its_error_says_so():
     wrong, right = (one.estimate(varied(GMS)) for one in (RollingIdentification(), GmsIdentification(elements=2)))
     assert values(wrong)["rms error, held-out cycles"] > 10 * values(right)["rms error, held-out cycles"]

@@ -91,20 +91,6 @@ def test_plant_and_scales_are_found_from_a_wrong_friction_model(record, registry
 
 
 @pytest.mark.thorough
-def test_plant_and_friction_are_results_too(record, registry):
-    result = estimator(scaled(1.2, 0.8)).estimate(record)
-    plant, friction = result.fits
-    found = create(registry, Plant, plant.component)
-    assert found.rigid_body_gain == pytest.approx(MACHINE["plant"]["rigid_body_gain"], rel=1e-4)
-    np.testing.assert_allclose(found.frequencies, MACHINE["plant"]["frequencies"], rtol=1e-4)
-    curve = create(registry, FrictionModel, friction.component).curve
-    assert curve.coulomb_force == pytest.approx(MACHINE["friction"]["curve"]["coulomb_force"], rel=5e-4)
-    assert dict(zip(friction.parameters, friction.units, strict=True))["curve.coulomb_force"] == "N"
-    deviation = dict(zip(friction.parameters, friction.standard_deviation, strict=True))["curve.coulomb_force"]
-    assert 0 < deviation < 1e-3 * curve.coulomb_force
-
-
-@pytest.mark.thorough
 def test_another_law_does_not_fit_and_is_not_ok(record):
     result = estimator(LUGRE, modes=2).estimate(record)
     assert result.outcome is Outcome.INACCURATE

@@ -215,13 +215,6 @@ def test_unsuitable_records_are_refused_with_the_remedy(recorded, excitation, fr
 
 
 @pytest.mark.thorough
-def test_a_wrong_sign_is_refused(two_amplitudes):
-    turned = [replace(s, channels={**s.channels, "y": -s.channels["y"]}) for s in two_amplitudes.segments]
-    with pytest.raises(RecordError, match="check the channels and their signs"):
-        identified(replace(two_amplitudes, segments=tuple(turned)))
-
-
-@pytest.mark.thorough
 def test_what_has_not_settled_is_left_out(recorded):
     signals = recorded(stepped(12.0, 24.0, points=30))
     first, *others = signals.segments

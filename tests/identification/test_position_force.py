@@ -40,22 +40,6 @@ def test_a_force_along_the_stroke_is_told_from_viscous_friction(pitch: float) ->
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", range(1))
-def test_one_move_again_and_again_leaves_doubt(seed: int) -> None:
-    """Friction that changes along the stroke looks like viscous friction if the velocity is always the same there."""
-    rng = np.random.default_rng(seed)
-    s = np.linspace(0, 1, 1000)
-    there = 0.1 * (10 * s**3 - 15 * s**4 + 6 * s**5)
-    y = np.tile(np.concatenate([there, np.full(150, 0.1), there[::-1], np.zeros(150)]), 9)
-    v = np.gradient(y, 1 / RATE)
-    friction = 8 * (1 + 0.1 * np.sin(2 * np.pi * y / rng.uniform(0.02, 0.06) + rng.uniform(0, 6)))
-    u = 3 * np.gradient(v, 1 / RATE) + friction * np.sign(v) + 25 * v + 1.3
-    found = values(SlidingIdentification().estimate(signals((u + np.roll(u, -1)) / 2, y)))
-    assert abs(found[VISCOUS] - 25) < found[BAND]
-    assert found["force along the stroke, rms"] > 0.2
-
-
-@pytest.mark.thorough
 def test_the_bound_is_the_information_in_the_samples() -> None:
     """White noise of 1 N on a known motion: (AᵀA)⁻¹ over all samples, of which turns and low-pass cost some."""
     time = np.arange(int(20 * RATE)) / RATE

@@ -150,13 +150,6 @@ def test_draws_are_a_dimension_with_the_drawn_values_along_it(workspace: fraexp.
 
 
 @pytest.mark.thorough
-def test_representations_are_one_line(run: fraexp.Run, workspace: fraexp.Workspace) -> None:
-    assert repr(run[0]) == f"<SweepResult {run[0].key}: conventional, y/u [m/N] at {POINTS} frequencies 1…200.2 Hz; ok>"
-    assert repr(run).startswith(f"<Run: run {run.number} of quick complete: 4 sweeps")
-    assert "\n" not in repr(workspace) + repr(workspace.study("quick"))
-
-
-@pytest.mark.thorough
 def test_sweeps_over_other_frequencies_share_a_dataset(workspace: fraexp.Workspace, tmp_path: Path) -> None:
     excitation = {"name": "stepped_sine", "amplitude": 75.0}
     case = [

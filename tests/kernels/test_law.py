@@ -55,11 +55,6 @@ def test_an_edit_of_a_helper_in_another_file_is_seen(tmp_path: Path, is_compiled
     assert fingerprint(read_law(tmp_path, helper=edited, is_compiled=is_compiled)) != before
 
 
-def test_a_constant_that_is_changed_is_seen(tmp_path: Path) -> None:
-    before = read_law(tmp_path)
-    assert fingerprint(before) != fingerprint(read_law(tmp_path, factor="2.0"))
-
-
 CELL = """
 import math
 import numpy as np

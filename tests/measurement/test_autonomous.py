@@ -17,7 +17,6 @@ from fraexp.measurement.autonomous_points import PointDesign
 from fraexp.measurement.friction_loop import LOOP_HZ, FrictionLoop, measure_friction_loop
 from fraexp.measurement.measured_points import MeasuredPoint
 from fraexp.measurement.motion_guard import MotionGuard
-from fraexp.measurement.point_measurement import SettlingMonitor
 from fraexp.measurement.unknown_axis import UnknownAxis
 from fraexp.measurement.watched_machine import WatchedMachine
 from fraexp.simulation.motion_limits import MotionLimits
@@ -131,20 +130,6 @@ def test_the_friction_force_has_no_viscous_part(tmp_path: Path, components: Regi
     assert found.has_closed
     assert found.amplitude > 4 * FORCE  # most of which is viscous
     assert found.force == pytest.approx(FORCE, rel=0.25)
-
-
-@pytest.mark.parametrize(
-    ("drift", "may_drift", "settles"), [(0.01, True, True), (0.01, False, False), (0.3, True, False)]
-)
-def test_a_mean_that_drifts_slowly_is_no_lack_of_a_steady_state(
-    drift: float, may_drift: bool, settles: bool, components: Registry
-) -> None:
-    axis = axis_of(MotionLimits(stroke=40e-3, velocity=1.0, force=200.0))
-    (period,) = axis.sines([10.0], components)
-    counts = axis.point(0, period, 1.0).counts
-    monitor, time = SettlingMonitor(counts, may_drift), np.arange(counts.max_samples) / period.waveform.size
-    monitor.look(1e-3 * (np.sin(2 * np.pi * int(period.lines[0]) * time) + drift * time))
-    assert monitor.is_settled == settles
 
 
 def test_a_growing_sine_stops_at_its_share_of_a_limit(tmp_path: Path, components: Registry) -> None:

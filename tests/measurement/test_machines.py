@@ -2,7 +2,6 @@
 
 import os
 import threading
-import time
 from pathlib import Path
 from typing import Any
 
@@ -118,12 +117,6 @@ def test_noise_is_no_motion(workspace: WorkspaceService, monkeypatch: Any) -> No
         measured_in(workspace, '["m", "N"]', NOISE)
 
 
-def test_samples_that_are_no_numbers_are_no_limit(workspace: WorkspaceService, monkeypatch: Any) -> None:
-    monkeypatch.chdir(workspace.folder)
-    with pytest.raises(MachineError, match=r"not finite numbers in channel y, .*: fix what it records$"):
-        measured_in(workspace, '["m", "N"]', NOISE.replace("{5e-7", "{float('nan') * 5e-7"))
-
-
 def test_limits_count_in_whatever_units_a_machine_has(workspace: WorkspaceService, monkeypatch: Any) -> None:
     monkeypatch.chdir(workspace.folder)
     plain = PROGRAM.format(step=0.0005).replace("2.0", "7.6")
@@ -195,22 +188,6 @@ def test_a_program_that_does_not_measure_is_named(
     program(tmp_path, text)
     with command().connect(tmp_path) as session, pytest.raises(error, match=message):
         played(session)
-
-
-def test_a_program_that_fails_is_started_once(workspace: WorkspaceService, monkeypatch: Any) -> None:
-    monkeypatch.chdir(workspace.folder)
-    failing = "open('starts', 'a').write('x')\nraise SystemExit('the drive is off')"
-    with pytest.raises(MachineError, match=r"ended with exit code 1 after 0 of \d+ samples: the drive is off"):
-        measured_in(workspace, '["m", "N"]', failing)
-    assert (workspace.folder / "starts").read_text(encoding="utf-8") == "x"
-
-
-def test_a_program_may_go_on_in_silence_until_it_is_told_to_end(tmp_path: Path) -> None:
-    program(tmp_path, f"{PROGRAM.format(step=SAMPLE_TIME)}\nimport time\ntime.sleep(600)")
-    with command().model_copy(update={"timeout": 300.0}).connect(tmp_path) as session:
-        begun = time.monotonic()
-        assert played(session)["y"].size == REQUEST.samples
-        assert time.monotonic() - begun < 100.0  # the timeout is that of a sample that does not come
 
 
 SLOW = """
@@ -297,20 +274,6 @@ def test_a_folder_is_a_machine(tmp_path: Path) -> None:
         thread.join()
         np.testing.assert_array_equal(found["y"], expected_position())
     assert not (tmp_path / "exchange" / "stop").exists()
-
-
-def test_an_old_record_is_never_that_of_a_new_play(tmp_path: Path) -> None:
-    exchange = tmp_path / "exchange"
-    exchange.mkdir()
-    for name in ("play-0001-record.csv", "play-0003-record.csv"):
-        (exchange / name).write_text("y,u\n1,2\n", encoding="utf-8")
-    machine = FolderMachine(folder="exchange", sample_time=SAMPLE_TIME, timeout=HANG_TIMEOUT_S)
-    thread = threading.Thread(target=answer, args=(exchange, "play-0004"))
-    thread.start()
-    with machine.connect(tmp_path) as session:
-        found = played(session)
-    thread.join()
-    np.testing.assert_array_equal(found["y"], expected_position())
 
 
 def test_a_record_of_more_samples_than_were_played_is_refused(tmp_path: Path) -> None:

@@ -18,7 +18,6 @@ from fraexp.data.sample_file import read_header
 from fraexp.errors import FraexpError, MachineError, StudyError
 from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice, gathered
 from fraexp.measurement.measurement_plan import plan_measurement
-from fraexp.measurement.play_demands import SimulatedPlay
 from fraexp.simulation.live_loop import LiveLoop
 from fraexp.simulation.motion_limits import Demand
 from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
@@ -106,16 +105,6 @@ def test_a_machine_that_diverges_in_its_plan_is_refused_with_the_frequency(works
         MeasurementService(workspace, "axis", diverging).plans()
 
 
-def test_a_play_that_diverges_where_it_is_stopped_is_refused(
-    workspace: WorkspaceService, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    note = SimulatedPlay.note
-    monkeypatch.setattr(SimulatedPlay, "note", lambda play, stop, _: note(play, stop, None))
-    service = MeasurementService(workspace, "axis", ("excitation.frequencies=[50.0]",))
-    with pytest.raises(MachineError, match=r"at 50 Hz the study's machine diverges in the simulation where .* stopped"):
-        service.plans()
-
-
 @pytest.mark.parametrize("frequency", [10.0, 500.0])
 def test_a_plan_knows_what_follows_a_stop_at_any_moment(workspace: WorkspaceService, frequency: float) -> None:
     overrides = (f"excitation.frequencies=[{frequency}]", "measurement.ramp_out=0.01", "excitation.ramp=0")
@@ -161,16 +150,6 @@ def test_a_record_goes_on_until_its_band_is_narrow(workspace: WorkspaceService) 
     assert band[0.002]["100 Hz"] > 2 * band[0.02]["100 Hz"]
     response = results(workspace, "axis-measured")["conventional"].response
     assert response is not None and response.frequency.size == 2
-
-
-def test_a_single_period_has_no_band(workspace: WorkspaceService) -> None:
-    single = (
-        "excitation.recorded_periods=1",
-        "excitation.frequencies=[100.0]",
-        "grid.estimator=[{name='conventional'}]",
-    )
-    (point,) = (each.measured.point for each in measure(workspace, *single) if isinstance(each, PointEstimated))
-    assert (point.periods, point.band) == (1, None)
 
 
 @pytest.mark.thorough

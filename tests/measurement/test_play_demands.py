@@ -38,18 +38,6 @@ def test_no_stop_of_a_short_play_asks_for_more_than_a_close_look_finds(
     assert shortfall(period, repetitions, settling) < 1.005
 
 
-def test_a_close_look_tells_how_far_it_is() -> None:
-    setup = planning_setup(Machine(TABLE, FRICTIONLESS, LEAD, ControlLoop(sample_time=SAMPLE_TIME), Numerics()))
-    requests = [PlayRequest(k, np.sin(np.arange(29)), 3, 0.02, 10) for k in range(2)]
-    shares: list[float] = []
-    simulate_demands(
-        [SimulatedPlay(setup, of, [1], 25, NO_DEMAND) for of in requests], closely=True, report=shares.append
-    )
-    assert shares[-1] == 1
-    assert shares == sorted(shares)
-    assert len(shares) > 100
-
-
 def rising_force_rate(noise: float, seed: int) -> float:
     """Return the force rate that is found of a play that rises at once."""
     loop = ControlLoop(sample_time=SAMPLE_TIME, noise=noise, seed=seed)

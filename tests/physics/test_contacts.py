@@ -110,16 +110,6 @@ def test_the_implicit_solution_is_that_of_the_sum(table, monkeypatch):
 
 
 @pytest.mark.thorough
-def test_both_paths_agree(registry, monkeypatch):
-    plant = example(registry, "ball_screw")
-    settings = {"plant": plant, "controller": CONTROLLERS["ball_screw"], "steps": 30}
-    frictions = laws(plant, 300.0)
-    in_lanes = responses(simulated(frictions, (4.0, 60.0), 300.0, **settings))
-    monkeypatch.setattr(loop_setup, "is_friction_soft", lambda *_: False)
-    assert responses(simulated(frictions, (4.0, 60.0), 300.0, **settings)) == pytest.approx(in_lanes, rel=1e-5)
-
-
-@pytest.mark.thorough
 def test_further_positions_are_as_exact_as_the_tolerance(registry):
     """The link behind its gear is off by ten times as much as the motor, if the motor alone decides about the steps."""
     plant = example(registry, "flexible_joint")

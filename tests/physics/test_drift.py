@@ -5,7 +5,6 @@ import pytest
 from fraexp_plugins.controllers.transfer_function import TransferFunction
 from fraexp_plugins.estimators.drift import Drift
 from fraexp_plugins.excitations.biased_sine import BiasedSine
-from fraexp_plugins.friction.dahl import Dahl
 from fraexp_plugins.friction.elastoplastic import Elastoplastic
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.friction.lugre import LuGre
@@ -45,8 +44,3 @@ def test_models_with_an_elastic_range_hold(name):
 @pytest.mark.thorough
 def test_lugre_creeps_by_its_known_amount():
     assert drift(LUGRE) == pytest.approx(118e-6, rel=0.05)
-
-
-@pytest.mark.thorough
-def test_dahl_creeps_too():
-    assert drift(Dahl(stiffness=1e5, coulomb_force=1.0)) > 100e-6

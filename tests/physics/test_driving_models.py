@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from fraexp_plugins.controllers.transfer_function import TransferFunction
-from fraexp_plugins.estimators.drift import Drift
 from fraexp_plugins.estimators.hysteresis import Hysteresis
 from fraexp_plugins.excitations.biased_sine import BiasedSine
 from fraexp_plugins.excitations.displacement_sine import DisplacementSine
@@ -16,7 +14,7 @@ from fraexp.data.signals import Segment, Signals
 from fraexp.errors import ParameterError
 from fraexp.simulation.loop import drive_friction, simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
-from tests.machines import FRICTIONLESS, LEAD, TABLE, guide
+from tests.machines import LEAD, TABLE, guide
 
 SAMPLE = 5e-4
 
@@ -52,18 +50,6 @@ def test_a_measured_displacement_is_answered_with_the_models_force():
     expected = guide().force(y, SAMPLE, periodic=True) + 4.69 * curve.columns["velocity"]
     assert np.allclose(curve.columns["force"], expected, atol=1e-12)
     assert curve.units == {"displacement": "m", "force": "N", "velocity": "m/s"}
-
-
-@pytest.mark.thorough
-def test_a_force_below_static_friction_does_not_move_the_guide_and_moves_a_free_machine():
-    open_loop = TransferFunction(numerator=(0.0,))
-    machine = Machine(TABLE, guide(), open_loop, ControlLoop(sample_time=SAMPLE), Numerics())
-    push = BiasedSine(bias=0.06, amplitude=0.02, frequency=5.0, recorded_periods=10)
-    held = metrics(Drift().estimate(simulate_loop(machine, push, lambda _: None)))["drift"]
-    free = Machine(TABLE, FRICTIONLESS, open_loop, ControlLoop(sample_time=SAMPLE), Numerics())
-    moved = metrics(Drift().estimate(simulate_loop(free, push, lambda _: None)))["drift"]
-    assert abs(held) < 2e-9  # what is left of the modes' ringing
-    assert abs(moved) > 1e-3
 
 
 def test_too_coarse_sampling_is_refused_with_the_remedy():

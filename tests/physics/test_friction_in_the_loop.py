@@ -10,7 +10,6 @@ from fraexp_plugins.excitations.stepped_sine import SteppedSine
 
 from fraexp.simulation import loop_setup
 from fraexp.simulation.loop import simulate_loop
-from fraexp.simulation.loop_setup import steps_per_sample
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.examples import some, thorough
 from tests.machines import LEAD, TABLE, decibel, degrees, table_models
@@ -102,12 +101,3 @@ def test_eight_at_a_time_and_one_by_one_agree(models, name, monkeypatch):
         assert ("lanes" in found.numerics) == bool(soft)
         responses.append(Conventional().estimate(found).response.response)
     assert np.max(np.abs(responses[0] / responses[1] - 1)) < Numerics().tolerance
-
-
-def test_steps_follow_the_tolerance(models):
-    loop = ControlLoop(sample_time=500e-6, input_dead_time=DEAD_TIME)
-    steps = [
-        steps_per_sample(Machine(TABLE, models["rolling"], LEAD, loop, Numerics(tolerance=tolerance)))
-        for tolerance in (1e-2, 1e-3, 1e-4)
-    ]
-    assert steps == sorted(set(steps))

@@ -7,28 +7,6 @@ from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from tests.machines import cosine, harmonic
 
 REFERENCE = GeneralizedMaxwellSlip.parse(GeneralizedMaxwellSlip.presets["reference"], "gms")
-LEVEL = REFERENCE.model_copy(update={"static_force": 1.0})
-
-
-def hysteresis(frequency: float, attraction: float) -> float:
-    """Return the friction force's lead of acceleration over deceleration, at the mean velocity of a pulsating slide."""
-    lagging = REFERENCE.model_copy(update={"attraction_rate": attraction})
-    points, omega = 4000, 2 * np.pi * frequency
-    time = np.arange(20 * points + 1) / points / frequency
-    y = 1e-3 * (time + 0.8 * (1 - np.cos(omega * time)) / omega)  # velocity 1 mm/s (1 + 0.8 sin ωt): it never turns
-    force = lagging.force(y, time[1])[-points:]
-    return float(force[0] - force[points // 2])
-
-
-@pytest.mark.parametrize("frequency", [0.5, 2.0, 10.0])
-def test_friction_lags_behind_the_velocity(frequency):
-    """The force over the velocity is a loop, higher while the velocity rises: the Stribeck curve is reached late."""
-    assert hysteresis(frequency, 20.0) > 0.05
-
-
-def test_frictional_lag_vanishes_with_a_strong_attraction_and_in_slow_motion():
-    assert 0 < hysteresis(2.0, 2000.0) < 0.1 * hysteresis(2.0, 20.0)
-    assert 0 < hysteresis(0.02, 20.0) < 0.1 * hysteresis(2.0, 20.0)
 
 
 def test_the_lag_is_that_of_the_exact_exponential():

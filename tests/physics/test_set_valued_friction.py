@@ -6,11 +6,10 @@ from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
 from fraexp_plugins.friction.coulomb import Coulomb
 
-from fraexp.data.results import Outcome
 from fraexp.simulation.discretisation import step_bounds
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
-from tests.machines import LEAD, TABLE, simulated
+from tests.machines import LEAD, TABLE
 
 SAMPLE_TIME, DEAD_SAMPLES, AMPLITUDE = 5e-4, 2, 25.0
 COULOMB = Coulomb(coulomb_force=17.9, viscous_coefficient=4.69)
@@ -62,13 +61,3 @@ def test_each_direction_has_its_own_friction():
     speed = (np.roll(y, -1) - np.roll(y, 1)) / (2 * SAMPLE_TIME)
     assert force[speed > 0.2 * speed.max()] == pytest.approx(17.9, rel=1e-6)
     assert force[speed < 0.2 * speed.min()] == pytest.approx(-8.95, rel=1e-6)
-
-
-def test_a_machine_that_never_breaks_away_does_not_move():
-    """Rounding of 1e-22 m is no motion, and no response: the remedy is a greater amplitude."""
-    friction = Coulomb(coulomb_force=25.0)
-    record = simulated(friction, (2.0, 20.0), 24.9, steps=0)
-    assert record.outcome is Outcome.OK
-    result = Conventional().estimate(record)
-    assert result.outcome is Outcome.NO_MOTION
-    assert np.isnan(result.response.response).all()

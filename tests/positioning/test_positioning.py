@@ -122,19 +122,6 @@ def test_the_scale_is_no_vibration():
     assert metrics(signals(deviation))["residual vibration"] > 0
 
 
-def test_of_several_moves_the_worst_one_counts():
-    first, second = ringing(30e-6), ringing(10e-6)
-    reference = np.concatenate([np.zeros(50), np.full(400, 1e-3), np.full(400, -1e-3)])
-    y = np.concatenate([np.zeros(50), 1e-3 + first, -1e-3 - second])
-    of = Signals(
-        (Segment(SAMPLE_TIME_S, {"y": y[None], "reference": reference[None]}, np.array([1])),),
-        {"y": "m", "reference": "m"},
-    )
-    found, alone = metrics(of), metrics(signals(first))
-    for name in ("overshoot", "settling time", "residual vibration", "vibration frequency"):
-        assert found[name] == pytest.approx(alone[name]), name
-
-
 def test_the_curve_holds_what_is_to_be_drawn():
     (curve,) = PositioningMetrics().estimate(signals(ringing(20e-6), u=1.0)).curves
     assert curve.name == "positioning"

@@ -9,7 +9,7 @@ from fraexp_plugins.excitations.stepped_sine import SteppedSine
 from fraexp_plugins.positioning.point_to_point import PointToPoint
 
 from fraexp.components.kinds import Excitation
-from fraexp.components.periods import Period, Schedule
+from fraexp.components.periods import Schedule
 from fraexp.errors import ParameterError
 from fraexp.simulation.experiments import Compensation
 from fraexp.simulation.loop import simulate_loop
@@ -54,14 +54,6 @@ def test_noise_of_the_encoder_asks_for_what_it_does_in_the_loop_without_friction
     assert known[[0, 1, 3, 4]] == pytest.approx(np.array(found)[[0, 1, 3, 4]], rel=0.1)
     assert found[2] < known[2] < 1.3 * found[2]  # a difference over samples is less than what is between them
     assert encoder_noise_demand(machine()) == (0, 0, 0, 0, 0)
-
-
-def test_a_moving_reference_counts() -> None:
-    samples = 4000
-    wave = np.zeros(samples)
-    slow = 5e-3 * np.sin(2 * np.pi * np.arange(samples) / samples)
-    demand = predict_demand(machine(), Period(wave, np.array([1]), slow))
-    assert demand.stroke == pytest.approx(10e-3, rel=0.05)
 
 
 @pytest.mark.parametrize("name", ["stroke", "velocity", "force"])

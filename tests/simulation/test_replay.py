@@ -62,23 +62,3 @@ def test_a_weak_pull_takes_hardly_any_noise_of_the_record_into_the_model(registr
         taken.append(np.std(with_noise - without) / np.std(noise))
     assert taken[1] < 0.15
     assert taken[0] > 3 * taken[1]
-
-
-def test_laws_of_different_numbers_of_elements_are_replayed_side_by_side(registry):
-    plant = create(registry, Plant, {"name": "modal", "rigid_body_gain": 0.85})
-    shared = {"name": "rolling", "viscous_coefficient": 20.0}
-    laws = [
-        {**shared, "stiffness": [1e6, 5e5, 5e5], "limit_force": [2.0, 4.0, 8.0]},
-        {**shared, "stiffness": [1e6, 1e6], "limit_force": [2.0, 12.0]},
-    ]
-    (contact,) = plant.ports().contacts
-    time = np.arange(500)
-    force, position = 30 * np.sin(2 * np.pi * time / 500), 1e-4 * np.sin(2 * np.pi * time / 500)
-    models = [
-        ReplayModel(plant.ports(), {contact: create(registry, FrictionModel, law)}, 1e-3, (0.0, ()), (0.0, ()), 1e-3)
-        for law in laws
-    ]
-    runs = [Replay(model, force, position, np.array([2.0])) for model in models]
-    together, alone = replay(runs), [replay([run])[0] for run in runs]
-    for one, other in zip(together, alone, strict=True):
-        np.testing.assert_allclose(one.position, other.position, rtol=1e-9)

@@ -14,7 +14,6 @@ from fraexp.tui.app import FraexpApp
 from fraexp.tui.dialogs import ConfirmDialog
 from fraexp.tui.page import PLACES
 from fraexp.tui.screens.help_screen import HelpPage
-from fraexp.tui.screens.trial_page import TrialPage
 from fraexp.tui.widgets import paged_table, sweep_table, tagging
 from tests.tui.pilots import pilot_of, shows, until
 
@@ -30,19 +29,6 @@ def test_help_of_a_place_tells_what_it_is_for_and_closes(workspace, place):
         await shows(pilot, page.HELP.strip().split("\n")[0][:40])
         await pilot.press("escape")
         await until(pilot, lambda: app.screen is page)
-
-    pilot_of(workspace, steps)
-
-
-@pytest.mark.thorough
-def test_f1_helps_where_letters_are_typed(workspace):
-    async def steps(app, pilot):
-        await app.push_screen(TrialPage("dahl"))
-        await shows(pilot, "presliding")
-        await pilot.press("f1")
-        await shows(pilot, "describing function N(A)", "increase by 5 %")
-        await pilot.press("f1")
-        await until(pilot, lambda: isinstance(app.screen, TrialPage))
 
     pilot_of(workspace, steps)
 

@@ -59,20 +59,6 @@ def test_the_bar_of_an_autonomous_measurement_is_over_its_stages() -> None:
     assert live.done_fraction == 1
 
 
-@pytest.mark.parametrize("is_fresh", [False, True])
-def test_the_command_says_that_it_measures_anew(is_fresh: bool) -> None:
-    live = measuring()
-    live.is_fresh = is_fresh
-    assert live.command == ("fraexp measure --fresh axis" if is_fresh else "fraexp measure axis")
-
-
-def test_nothing_is_counted_before_anything_is_planned() -> None:
-    live = measuring()
-    assert live.count_text == ""
-    live.add(BeginReport(plan_of(), 20))
-    assert live.count_text == "0/20"
-
-
 @pytest.mark.parametrize(
     ("kept", "fresh", "words"),
     [

@@ -1,10 +1,6 @@
 """A user's settings: what they change, and what is said of wrong ones before anything is shown."""
 
-import os
-import pty
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,7 +9,6 @@ from fraexp.errors import FraexpError
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.services.user_settings import read_settings, settings_file
 from tests.tui.pilots import pilot_of
-from tests.waiting import HANG_TIMEOUT_S
 
 GUIDE = Path(__file__).parents[2] / "docs/terminal-ui.md"
 
@@ -81,17 +76,3 @@ def test_the_place_is_the_users_unless_told(monkeypatch, tmp_path):
     monkeypatch.delenv("FRAEXP_TUI_SETTINGS")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     assert settings_file().name == "tui.toml"
-
-
-def test_the_command_ends_with_2_and_one_line(workspace, write):
-    write("them = 'nord'")
-    ours, theirs = pty.openpty()
-    command = [sys.executable, "-m", "fraexp", "tui", "--workspace", str(workspace)]
-    done = subprocess.run(
-        command, stdin=theirs, stdout=theirs, stderr=subprocess.PIPE, timeout=HANG_TIMEOUT_S, check=False
-    )
-    os.close(theirs)
-    os.close(ours)
-    assert done.returncode == 2
-    assert done.stderr.decode().count("\n") == 1
-    assert "did you mean 'theme'?" in done.stderr.decode()

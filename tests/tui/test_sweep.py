@@ -153,17 +153,6 @@ def test_c_compares_it_with_the_marked_ones(workspace, keys):
 
 
 @pytest.mark.thorough
-def test_a_sweep_that_is_deleted_meanwhile_is_told_of(workspace, keys):
-    async def steps(app, pilot):
-        await opened(app, pilot, keys[0])
-        with Store.open(str(workspace / "results.db")) as store:
-            store.delete([keys[0]])
-        await shows(pilot, "no sweep's key starts with")
-
-    pilot_of(workspace, steps)
-
-
-@pytest.mark.thorough
 def test_deleting_it_here_leads_back(workspace, keys):
     async def steps(app, pilot):
         await opened(app, pilot, keys[0])

@@ -80,20 +80,6 @@ def test_a_command_with_a_term_that_excludes_can_be_typed(workspace, capsys):
 
 
 @pytest.mark.thorough
-def test_keys_that_come_at_once_take_effect_in_their_order(workspace):
-    async def steps(app, pilot):
-        await opened(app, pilot)
-
-        for _ in range(3):
-            typed(app, "/", "home", "ctrl+k", "ctrl+u", *"run=1")  # none of which is for the table
-            await until(pilot, lambda: app.screen.line.value == "run=1")
-            typed(app, *["backspace"] * 7, *"tag:x", "enter", "k", "j")
-            await until(pilot, lambda: app.screen.line.value == "tag:x" and app.focused is app.screen.table)
-
-    pilot_of(workspace, steps)
-
-
-@pytest.mark.thorough
 def test_what_is_wrong_with_a_filter_is_told_below_it_and_the_rows_stay(workspace):
     async def steps(app, pilot):
         table = await opened(app, pilot)
@@ -248,13 +234,3 @@ def test_the_question_counts_what_the_filter_hides_and_u_brings_back_what_was_de
         await shows(pilot, "Delete 2 sweeps with results")
 
     pilot_of(workspace, steps)
-
-
-@pytest.mark.thorough
-def test_without_a_database_it_says_how_to_make_one(tmp_path):
-    async def steps(app, pilot):
-        await pilot.press("w")
-        await shows(pilot, "There is no database yet", "Press s for the studies")
-        assert not app.screen.table.display
-
-    pilot_of(tmp_path, steps)

@@ -128,16 +128,6 @@ def test_the_cursor_stays_on_its_row_when_others_come_before_it_and_go():
     drive(100, steps)
 
 
-@pytest.mark.thorough
-def test_a_cursor_at_the_top_stays_at_the_top():
-    async def steps(table, pilot):
-        table.names.insert(0, "new")
-        table.reload()
-        await comes_to(pilot, table, "new", "rows 1-10 of 101")
-
-    drive(100, steps)
-
-
 def test_another_size_shows_other_rows_and_keeps_the_cursor():
     async def steps(table, pilot):
         await pilot.press("pagedown", "down")

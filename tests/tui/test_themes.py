@@ -138,22 +138,3 @@ def test_a_table_takes_the_colours_of_another_theme(tmp_path):
             assert str(cell.style) == theme.success
 
     pilot_of(tmp_path, steps)
-
-
-@pytest.mark.thorough
-def test_without_colours_all_is_still_told(workspace, keys, monkeypatch):
-    monkeypatch.setenv("NO_COLOR", "1")
-
-    async def steps(app, pilot):
-        app.marks.add(keys[:1])
-        await pilot.press("w")
-        await shows(pilot, "✓", "1 marked")
-        colours = {
-            segment.style.color.get_truecolor()
-            for strip in app.screen._compositor.render_strips()
-            for segment in strip
-            if segment.style and segment.style.color
-        }
-        assert all(colour.red == colour.green == colour.blue for colour in colours)
-
-    pilot_of(workspace, steps)

@@ -159,13 +159,6 @@ def test_stopping_leaves_no_process_whatever_it_is_at(plugins: str, tmp_path: Pa
             os.kill(int(pid), 0)
 
 
-@pytest.mark.thorough
-def test_closing_lets_what_is_under_way_come_to_its_end(plugins: str) -> None:
-    with create_workers("processes:2", 50) as workers:
-        futures = [workers.submit(n, job(plugins)) for n in range(50)]
-    assert all(metrics(future.result(0)) for future in futures)
-
-
 def test_workers_that_cannot_start_end_the_run_in_one_line(plugins: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fraexp.execution.executors.processes.serve_jobs", exit)
     with create_workers("processes:1", 1) as workers:
