@@ -12,34 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from fraexp.cli.output import column_blocks
 from fraexp.data.sweep import Sweep
 from fraexp.views.words import short_key
-
-TITLES = ["sweep", "estimator", "gain [dB re 1 mm/N]", "message"]
-CELLS = [["710b13ab", "conventional", "-49.31", "a rather long sentence that says why"], ["63760706", "x", "7.89", ""]]
-SOLID = [False, False, True, False]
-
-
-def test_columns_are_as_wide_as_they_wish_where_there_is_room() -> None:
-    assert column_blocks(TITLES, CELLS, SOLID, 200) == [{0: 8, 1: 12, 2: 19, 3: 36}]
-
-
-def test_titles_and_texts_give_way_and_numbers_do_not() -> None:
-    (widths,) = column_blocks(TITLES, CELLS, SOLID, 60)
-    assert sum(widths.values()) + 2 * 3 == 60
-    assert widths[0] == 8
-    assert widths[1] == 12
-    assert widths[2] >= 6
-    assert widths[3] >= 20
-
-
-def test_what_does_not_fit_follows_below_the_first_column() -> None:
-    assert [list(block) for block in column_blocks(TITLES, CELLS, SOLID, 40)] == [[0, 1, 2], [0, 3]]
-    assert [list(block) for block in column_blocks(TITLES, CELLS, SOLID, 1)] == [[0, 1], [0, 2], [0, 3]]
-    widths = {index: width for block in column_blocks(TITLES, CELLS, SOLID, 20) for index, width in block.items()}
-    assert widths[2] >= len("-49.31"), "a number is folded only where it cannot fit"
-    assert all(sum(block.values()) <= 20 - 2 for block in column_blocks(TITLES, CELLS, SOLID, 20))
 
 
 def on_a_terminal(columns: int, *arguments: str) -> str:

@@ -1,7 +1,5 @@
 """The check of a simulation, against the same machine in steps so fine that their error does not count."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from fraexp_plugins.controllers.pid import Pid
@@ -16,9 +14,7 @@ from fraexp_plugins.positioning.point_to_point import PointToPoint
 from fraexp.components.kinds import Excitation, FrictionModel
 from fraexp.data.signals import Signals
 from fraexp.simulation.loop import drive_friction, simulate_loop
-from fraexp.simulation.loop_setup import prepare_setup
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
-from fraexp.simulation.verification import _relative_difference, refined_steps
 from tests.examples import some, thorough
 
 STIFFNESS = (4e5, 2.5e5, 1.2e5, 6e4, 3e4, 1.2e4, 5e3)
@@ -117,14 +113,3 @@ def test_the_encoder_has_no_part_in_it():
 def test_a_loose_tolerance_takes_fewer_steps():
     loose, tight = (int(signals(NARROW, tolerance=each).numerics.split()[0]) for each in (1e-2, 1e-4))
     assert loose < tight
-
-
-def test_a_silent_channel_leaves_the_error_unknown():
-    """Where nothing is excited y/u is no number; neither the check nor the choice of steps may fail on it."""
-    record = signals(NARROW)
-    silent = [replace(each, channels={**each.channels, "u": 0 * each.channels["u"]}) for each in record.segments]
-    difference = _relative_difference(silent, record.segments, "y")
-    assert np.isnan(difference).all()
-    machine = Machine(PLANT, NARROW, Pid(proportional=800.0), ControlLoop(sample_time=0.8e-3), Numerics())
-    setup = prepare_setup(machine)
-    assert refined_steps(machine, setup, replace(record.verification, step_error=difference)) == setup.steps

@@ -14,10 +14,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
-from fraexp.data.results import FrequencyResponse
 from fraexp.data.sample_file import SampleWriter
 from fraexp.measurement.consent import CONSENTS_VARIABLE
 from fraexp.measurement.measured_points import MeasurementFiles
@@ -27,10 +25,9 @@ from fraexp.tui.screens.measurement_page import MARGIN_SIGN, PREDICTED_SIGN, Lim
 from fraexp.tui.screens.measurement_plan_page import MeasurementPlanPage
 from fraexp.tui.screens.run_page import RunPage
 from fraexp.tui.screens.studies_page import StudiesPage
-from fraexp.tui.services.live_measurement import LimitedMotion, NoticeReport, join_responses, read_report
+from fraexp.tui.services.live_measurement import LimitedMotion, NoticeReport, read_report
 from fraexp.views.run_progress import FULL
 from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
-from tests.tui.responses import resonant
 from tests.waiting import wait_until
 
 STUDY = """
@@ -334,17 +331,6 @@ def test_a_report_that_was_cut_off_ends_the_stream():
     assert read_report(io.BytesIO(whole)) == NoticeReport("lost")
     for length in range(len(whole)):
         assert read_report(io.BytesIO(whole[:length])) is None
-
-
-def test_points_join_to_a_response_over_frequency():
-    grid = np.array([3.0, 1.0, 2.0])
-    parts = [resonant(np.array([frequency])) for frequency in grid]
-    joined = join_responses(parts)
-    assert isinstance(joined, FrequencyResponse)
-    expected = resonant(np.sort(grid))
-    np.testing.assert_array_equal(joined.frequency, expected.frequency)
-    np.testing.assert_array_equal(joined.response, expected.response)
-    np.testing.assert_array_equal(joined.covariance, expected.covariance)
 
 
 def test_a_gauge_shows_what_is_used_what_was_predicted_and_where_the_margin_begins(tmp_path):
