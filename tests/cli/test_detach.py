@@ -38,7 +38,7 @@ def state(folder: Path) -> str:
 
 
 def test_a_run_in_the_background_comes_to_its_end_and_notes_its_log(tmp_path):
-    told = fraexp(tmp_path, "run", "quick", "--detach", "--set", "excitation.points=2", "--json")
+    told = fraexp(tmp_path, "run", "quick", "--detach", "--set", "excitation.points=2", "--json", "--executor=serial")
     assert told.returncode == ExitCode.OK
     started = json.loads(told.stdout)["started"]
     wait_until(lambda: state(tmp_path) == "complete")

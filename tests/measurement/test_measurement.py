@@ -206,7 +206,6 @@ def test_what_a_killed_measurement_had_set_aside_is_put_back_or_discarded(worksp
 def test_a_study_that_was_edited_is_kept(workspace: WorkspaceService) -> None:
     few = ("excitation.frequencies=[100.0]", "grid.estimator=[{name='conventional'}]")
     measure(workspace, *few)
-    measure(workspace, *few, fresh=True)
     usual = MeasurementService(workspace, "axis").path
     beside = usual.with_stem("axis-measured-new")
     assert not beside.exists()
