@@ -31,7 +31,6 @@ from tests.identification.plant_responses import measured
 
 MACHINE = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table.toml").read_text(encoding="utf-8"))
 FORCE, VISCOUS = 17.9, 4.69
-DAHL = {"name": "dahl", "stiffness": 0.4e6, "coulomb_force": FORCE, "viscous_coefficient": VISCOUS}
 LUGRE = {
     "name": "lugre", "bristle_stiffness": 0.4e6, "bristle_damping": 100.0, "viscous_coefficient": VISCOUS,
     "coulomb_force": FORCE, "static_force": 1.2 * FORCE, "stribeck_velocity": 1e-3,
@@ -108,7 +107,7 @@ def test_one_amplitude_is_refused(recorded: Any) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("friction", [MACHINE["friction"], DAHL, LUGRE], ids=lambda each: each["name"])
+@pytest.mark.parametrize("friction", [MACHINE["friction"], LUGRE], ids=lambda each: each["name"])
 def test_plant_and_force_are_found_whatever_the_law(friction: dict[str, Any], recorded: Any) -> None:
     signals = recorded(friction, (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
     result = DictionaryIdentification(resolution=1e-7, noise=30e-9, validation=1).estimate(signals)
@@ -142,9 +141,8 @@ def test_a_wrong_channel_has_no_good_verdict(recorded: Any) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("velocity", [0.04, 0.1])
-def test_friction_that_hides_its_weakening_has_no_false_verdict(velocity: float, recorded: Any) -> None:
-    signals = recorded({**WEAKENING, "stribeck_velocity": velocity}, (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
+def test_friction_that_hides_its_weakening_has_no_false_verdict(recorded: Any) -> None:
+    signals = recorded({**WEAKENING, "stribeck_velocity": 0.1}, (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
     result = DictionaryIdentification(resolution=1e-7, noise=30e-9, validation=1).estimate(signals)
     metrics = {metric.name: metric.value for metric in result.metrics}
     error = abs(metrics["Coulomb force"] - FORCE)

@@ -42,11 +42,10 @@ def test_intervals_know_of_errors_that_are_no_noise():
     assert "the intervals are widened" in result.message
 
 
-@pytest.mark.parametrize("seed", [4])
 @pytest.mark.thorough
-def test_scatter_at_a_few_points_makes_no_mode(seed):
+def test_scatter_at_a_few_points_makes_no_mode():
     """What the scale leaves of a small response near 1 Hz: a light mode would be fitted to one or two points."""
-    clean, loud = measured(noise=1e-4), measured(noise=0.3, seed=seed)
+    clean, loud = measured(noise=1e-4), measured(noise=0.3, seed=4)
     result = fitted(replace(clean, response=np.where(FREQUENCY < 1.2, loud.response, clean.response)))
     assert result.fits[0].component["frequencies"] == pytest.approx(TWO.frequencies, abs=0.1)
     assert values(result)[0]["rigid_body_gain"] == pytest.approx(0.132, rel=1e-2)

@@ -224,16 +224,10 @@ def test_measured_records_are_compared_like_imported_ones(
     assert (result.outcome is Outcome.OK) == (not message)
 
 
-@pytest.mark.parametrize(
-    ("printed", "message"),
-    [
-        ("f'{1e3 * y!r},{u!r}'", "'y' is 1,000 times the position .*, as if its column were in mm; correct what"),
-    ],
-)
-def test_a_stop_at_a_limit_names_the_column_that_caused_it(
-    workspace: WorkspaceService, printed: str, message: str
-) -> None:
-    service = MeasurementService(workspace, "axis", (program_of(workspace, printed),), is_trusted=True)
+def test_a_stop_at_a_limit_names_the_column_that_caused_it(workspace: WorkspaceService) -> None:
+    program = program_of(workspace, "f'{1e3 * y!r},{u!r}'")
+    service = MeasurementService(workspace, "axis", (program,), is_trusted=True)
+    message = "'y' is 1,000 times the position .*, as if its column were in mm; correct what"
     with pytest.raises(LimitError, match=rf"limits\.\w+ is .* the machine was stopped: {message}"):
         list(service.measure_points())
 

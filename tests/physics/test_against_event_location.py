@@ -85,7 +85,7 @@ def test_transients_from_rest_agree_with_event_location(name):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", PAIRS)
-@pytest.mark.parametrize(("frequency", "amplitude"), [(10.0, 24.0), (20.0, 30.0), (40.0, 75.0), (90.0, 150.0)])
+@pytest.mark.parametrize(("frequency", "amplitude"), [(10.0, 24.0), (90.0, 150.0)])
 def test_so_they_do_at_many_steps(name, frequency, amplitude):
     """GMS slips by an exponential over whole steps, which is of first order where an element breaks away."""
     assert errors(name, frequency, amplitude, steps=80)[0] < (1e-5 if name == "gms" else 1e-6)

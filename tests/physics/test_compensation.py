@@ -12,7 +12,6 @@ from fraexp.data.signals import Signals
 from fraexp.simulation.experiments import Compensation
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
-from tests.examples import some
 from tests.machines import LEAD, TABLE, decibel, degrees, guide
 
 FREQUENCIES = tuple(np.geomspace(25.5, 190, 20))
@@ -49,7 +48,7 @@ def sine_describing_function(amplitude: np.ndarray) -> np.ndarray:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("amplitude", [12.0, 75.0])
-@pytest.mark.parametrize("gain", some([0.0, 0.5, 0.9, 1.0], 0.9))
+@pytest.mark.parametrize("gain", [0.0, 0.9])
 def test_the_response_is_that_of_the_friction_left_over(gain: float, amplitude: float) -> None:
     signals = compensated(gain, amplitude)
     omega = 2 * np.pi * np.concatenate([segment.frequency for segment in signals.segments])

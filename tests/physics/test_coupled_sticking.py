@@ -38,7 +38,7 @@ def drawn_friction(rng, name, amplitude):
     return law, Dry, (force, static, velocity)
 
 
-def drawn_machine(registry, name, seed):
+def drawn_machine(registry, name, seed=3):
     """Return a plant, friction at its contacts, an amplitude, samples of a period, and what the dead time exceeds."""
     rng = np.random.default_rng(seed)
     plant, amplitude = example(registry, name), AMPLITUDES[name]
@@ -51,11 +51,10 @@ def drawn_machine(registry, name, seed):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", [3])
 @pytest.mark.parametrize("name", ["two_mass", "ball_screw", "flexible_joint"])
 def test_machines_agree_with_event_location(registry, name, seed):
     """Of y and each other position, relative to the greatest."""
-    plant, drawn, amplitude, samples, late = drawn_machine(registry, name, seed)
+    plant, drawn, amplitude, samples, late = drawn_machine(registry, name)
     bodies, controller, rest = plant.bodies, CONTROLLERS[name], late * SAMPLE
     parts = [(kind, kind(bodies.contacts[contact], *numbers)) for contact, (_, kind, numbers) in drawn.items()]
     dry, stops = ([part for kind, part in parts if kind is wanted] for wanted in (Dry, Stop))

@@ -15,7 +15,7 @@ from tests.examples import some, thorough
 from tests.machines import LEAD, TABLE, decibel, degrees, table_models
 
 CARD = ("rolling", "gms", "elastoplastic")
-GRID = tuple(np.geomspace(1.0, 200.0, 25))
+GRID = tuple(np.geomspace(1.0, 200.0, 13))
 DEAD_TIME = 1e-3
 
 

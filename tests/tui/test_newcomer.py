@@ -48,10 +48,10 @@ class Terminal(NamedTuple):
         return shown
 
 
-@pytest.fixture(params=["80x24"])
-def terminal(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Terminal]:
-    width, height = request.param.split("x")
-    found = Terminal(f"fraexp-{os.getpid()}-{request.param}")
+@pytest.fixture
+def terminal(tmp_path: Path) -> Iterator[Terminal]:
+    width, height = "80", "24"
+    found = Terminal(f"fraexp-{os.getpid()}")
     place = f"{sys.executable} -m fraexp tui --workspace={tmp_path}"
     environment = ["-e", f"FRAEXP_TUI_SETTINGS={os.devnull}", "-e", "LANG=C.UTF-8", "-e", "LC_ALL=C.UTF-8"]
     checkout = [f"-ePYTHONPATH={os.environ['PYTHONPATH']}"] if "PYTHONPATH" in os.environ else []
