@@ -52,7 +52,7 @@ def drawn_machine(registry, name, seed=3):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["two_mass", "ball_screw", "flexible_joint"])
-def test_machines_agree_with_event_location(registry, name, seed):
+def test_machines_agree_with_event_location(registry, name):
     """Of y and each other position, relative to the greatest."""
     plant, drawn, amplitude, samples, late = drawn_machine(registry, name)
     bodies, controller, rest = plant.bodies, CONTROLLERS[name], late * SAMPLE
