@@ -10,7 +10,7 @@ from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.plants.modal import Modal
 
-from fraexp.components.kinds import Controller, FrictionModel, Plant
+from fraexp.components.kinds import Controller, Excitation, FrictionModel, Plant
 from fraexp.components.registry import Registry, create
 from fraexp.data.signals import Signals
 from fraexp.simulation.loop import simulate_loop
@@ -44,11 +44,22 @@ def simulated(
     **loop: object,
 ) -> Signals:
     """Return the signals of a stepped sine at `frequencies` [Hz] in a loop; its dead time is 1 ms by default."""
-    settings = {"sample_time": 500e-6, "input_dead_time": 1e-3, **loop}
-    machine = Machine(
-        plant, friction, controller, ControlLoop.parse(settings, "loop"), Numerics(steps_per_sample=steps)
-    )
     excitation = SteppedSine(amplitude=amplitude, frequencies=frequencies, settling_tolerance=tolerance)
+    return excited(excitation, friction, plant=plant, controller=controller, steps=steps, **loop)
+
+
+def excited(
+    excitation: Excitation,
+    friction: FrictionModel,
+    *,
+    plant: Plant = TABLE,
+    controller: Controller = LEAD,
+    steps: int = 0,
+    **loop: object,
+) -> Signals:
+    """Return the signals of an excitation in a loop; its dead time is 1 ms by default."""
+    settings = ControlLoop.parse({"sample_time": 500e-6, "input_dead_time": 1e-3, **loop}, "loop")
+    machine = Machine(plant, friction, controller, settings, Numerics(steps_per_sample=steps))
     return simulate_loop(machine, excitation, lambda _: None)
 
 

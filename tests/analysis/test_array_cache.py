@@ -41,18 +41,6 @@ def test_a_tenth_more_than_there_is_room_for_costs_a_part_of_what_all_cost() -> 
     assert 10 <= per_round < 50
 
 
-def test_other_sweeps_find_room() -> None:
-    computed, numbers = counted(100)
-    for _ in range(20):
-        for first in range(100):
-            numbers(first)
-    del computed[:]
-    for _ in range(20):
-        for first in range(1000, 1090):
-            numbers(first)
-    assert len(computed) < 20 * 90 / 2
-
-
 def test_memory_is_bounded_and_counts_keys_of_bytes() -> None:
     sizes: list[int] = []
 

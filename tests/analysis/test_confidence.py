@@ -14,24 +14,13 @@ from fraexp.analysis.confidence import (
     relative_deviations,
 )
 from fraexp.data.results import FrequencyResponse
+from tests.responses import frequency_response
 
 
 def response_of(values, covariance, **known) -> FrequencyResponse:
     count = len(values)
-    return FrequencyResponse(
-        frequency=np.arange(1.0, count + 1),
-        response=np.asarray(values, dtype=complex),
-        covariance=np.broadcast_to(covariance, (count, 2, 2)),
-        unit="m/N",
-        input="u",
-        output="y",
-        input_amplitude=np.ones(count),
-        output_amplitude=np.ones(count),
-        settled=np.ones(count, dtype=bool),
-        settling_time=np.ones(count),
-        residual=np.zeros(count),
-        harmonics=np.zeros((count, 6), dtype=complex),
-        **known,
+    return frequency_response(
+        np.arange(1.0, count + 1), values, covariance=np.broadcast_to(covariance, (count, 2, 2)), **known
     )
 
 

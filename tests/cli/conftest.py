@@ -11,6 +11,7 @@ import pytest
 from fraexp.data.results import Curve, FrequencyResponse, Metric, Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.store import ComponentOrigin, Store
+from tests.responses import frequency_response
 from tests.waiting import HANG_TIMEOUT_S
 
 ROOT = Path(__file__).parents[2]
@@ -19,13 +20,10 @@ Command = Callable[..., subprocess.CompletedProcess[str]]
 
 def response_of(gain: float, points: int = 40) -> FrequencyResponse:
     frequency = np.geomspace(1, 200, points)
-    return FrequencyResponse(
-        frequency=frequency,
-        response=-gain / frequency**2 + 0j,
+    return frequency_response(
+        frequency,
+        -gain / frequency**2,
         covariance=np.tile(np.eye(2) * 1e-14, (points, 1, 1)),
-        unit="m/N",
-        input="u",
-        output="y",
         input_amplitude=np.full(points, 12.0),
         output_amplitude=12 * gain / frequency**2,
         settled=frequency > 1.5,

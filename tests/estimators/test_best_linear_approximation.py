@@ -178,14 +178,6 @@ def test_what_feedback_brings_to_omitted_lines_is_taken_off() -> None:
     np.testing.assert_allclose(np.mean(level(result, "noise") ** 2), expected, rtol=0.05)
 
 
-@pytest.mark.parametrize(("realisations", "factor"), [(2, 4.359), (3, 2.635), (4, 2.268), (6, 2.026), (12, 1.856)])
-def test_the_circle_of_realisations_has_the_radius_of_the_literature(realisations: int, factor: float) -> None:
-    u = multisines(realisations, ODD)
-    response = response_of(BestLinearApproximation().estimate(signals(u, u + ALPHA * u**3, u, ODD)))
-    assert response.freedom is not None
-    np.testing.assert_allclose(circle_factor(response.freedom), factor, rtol=3e-4)
-
-
 def test_a_single_realisation_is_the_conventional_response() -> None:
     record = simulated(FRICTIONLESS, (7.0, 30.0))
     for refer_to_plant in (False, True):

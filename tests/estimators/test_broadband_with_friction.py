@@ -13,9 +13,7 @@ from fraexp_plugins.excitations.multisine import Multisine
 from fraexp.analysis.confidence import circle_factor
 from fraexp.data.results import FrequencyResponse
 from fraexp.data.signals import Signals
-from fraexp.simulation.loop import simulate_loop
-from fraexp.simulation.machine import ControlLoop, Machine, Numerics
-from tests.machines import LEAD, TABLE, decibel, guide
+from tests.machines import TABLE, decibel, excited, guide
 
 DELAYS = {"input_dead_time": 1e-3}
 SCALE = {"noise": 30e-9, "resolution": 0.1e-6}
@@ -24,9 +22,8 @@ SCALE = {"noise": 30e-9, "resolution": 0.1e-6}
 @cache
 def recorded() -> Signals:
     """Return 40 realisations of an odd multisine of 12 N."""
-    loop = ControlLoop.parse({"sample_time": 5e-4, **DELAYS, **SCALE}, "loop")
     excitation = Multisine(rms=12.0, line_spacing=0.5, realisations=40, recorded_periods=2, settling_tolerance=1e-2)
-    return simulate_loop(Machine(TABLE, guide(), LEAD, loop, Numerics()), excitation, lambda _: None)
+    return excited(excitation, guide(), **SCALE)
 
 
 def found(

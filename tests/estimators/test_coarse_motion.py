@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from fraexp_plugins.estimators._shared.coarse_motion import recorded_step
 from fraexp_plugins.estimators.conventional import Conventional
 
 from fraexp.data.results import Outcome
@@ -38,22 +37,6 @@ def test_noise_blurs_the_rounding() -> None:
     assert found.response is not None
     assert found.outcome is Outcome.OK
     assert abs(found.response.response[0] / (1.3 * STEP) - 1) < 0.05
-
-
-@pytest.mark.parametrize(
-    ("samples", "step"),
-    [
-        (STEP * np.array([0.0, 3, 4, 8, 11]), STEP),
-        (STEP * np.array([0.0, 1]), STEP),
-        (np.linspace(0, 1, 200_001), 0.0),
-        (np.random.default_rng(8).normal(size=1000), 0.0),
-        (np.full(5, 2.0), 0.0),
-    ],
-    ids=["coarse", "two values", "fine", "continuous", "still"],
-)
-def test_the_step_of_a_record_is_found(samples: np.ndarray, step: float) -> None:
-    segment = Segment(1e-3, {"y": samples[None]}, np.array([1]))
-    assert recorded_step([segment], "y") == pytest.approx(step, rel=1e-6)
 
 
 def test_a_multisine_that_toggles_an_encoder_is_not_ok() -> None:

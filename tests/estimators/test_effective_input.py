@@ -12,12 +12,8 @@ from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.estimators.local_polynomial import LocalPolynomial
 from fraexp_plugins.excitations.multisine import Multisine
 
-from fraexp.analysis.confidence import circle_factor
 from fraexp.errors import ParameterError
-from fraexp.simulation.loop import simulate_loop
-from fraexp.simulation.machine import ControlLoop, Machine, Numerics
-from tests.examples import some
-from tests.machines import LEAD, TABLE, decibel, guide, simulated
+from tests.machines import TABLE, excited, guide, simulated
 
 DELAYS = {"input_dead_time": 1e-3}
 
@@ -27,8 +23,7 @@ def multisine(rms, **changes):
     excitation = Multisine(
         rms=rms, min_frequency=1, max_frequency=200, line_spacing=0.5, points=60, detection_group_size=0, **changes
     )
-    machine = Machine(TABLE, guide(), LEAD, ControlLoop(sample_time=500e-6, **DELAYS), Numerics(steps_per_sample=10))
-    return simulate_loop(machine, excitation, lambda _: None)
+    return excited(excitation, guide(), steps=10)
 
 
 def error(response):
@@ -77,24 +72,6 @@ def test_the_force_along_a_record_from_rest_is_that_of_the_loop():
     assert np.max(np.abs(wrapped - true)[:20]) > 5.0
 
 
-@pytest.mark.parametrize("frequency", some([10.0, 39.0], 39.0))
-@pytest.mark.thorough
-def test_the_band_holds_what_noise_does_by_way_of_friction(frequency):
-    """The friction model follows the noise of the position: at 10 Hz ten times more of it than y' itself shows."""
-    noise, periods, runs = 30e-9, 4, 200
-    signals = simulated(guide(), (frequency,), 12.0)
-    segment, generator = signals.segments[0], np.random.default_rng(1)
-    estimator = EffectiveInput(friction=guide(), **DELAYS, noise=noise)
-    truth, inside = estimator.estimate(signals).response.response, 0
-    for _ in range(runs):
-        channels = {name: np.repeat(segment.channels[name], periods, axis=0) for name in ("u", "y")}
-        channels["y"] = channels["y"] + generator.normal(0, noise, channels["y"].shape)
-        found = estimator.estimate(replace(signals, segments=(replace(segment, channels=channels),))).response
-        radius = found.standard_deviation * circle_factor(found.freedom)
-        inside += int((np.abs(found.response - truth) <= radius)[0])
-    assert 0.86 <= inside / runs <= 0.99  # 95 %, 89 % where it is an ellipse, but for two deviations of 200 runs
-
-
 def test_what_cannot_take_the_effective_input_is_refused():
     with pytest.raises(ParameterError, match="drift, which has no parameter 'input'"):
         EffectiveInput(friction=guide(), method=Drift())
@@ -107,16 +84,6 @@ def test_a_study_names_the_method_as_a_table(registry):
     estimator = registry.create("estimator", spec, {"loop": {"input_dead_time": 1e-3}})
     assert estimator.method == Conventional(input_dead_time=1e-3)
     assert registry.create("estimator", estimator.spec()) == estimator
-
-
-def test_friction_off_the_input_is_worth_decibels():
-    signals = simulated(guide(), (12.0,), 12.0)
-    bare, seen = (
-        each.estimate(signals).response for each in (Conventional(**DELAYS), EffectiveInput(friction=guide(), **DELAYS))
-    )
-    truth = TABLE.response(2 * np.pi * bare.frequency)
-    assert np.abs(decibel(bare.response / truth))[0] > 5
-    assert np.abs(decibel(seen.response / truth))[0] < 0.01
 
 
 @pytest.mark.parametrize("dead_time", [1e-3, 1.3e-3])

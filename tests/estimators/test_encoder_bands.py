@@ -1,21 +1,15 @@
 """Bands of both methods under noise and rounding of the encoder, with friction: they cover what they should."""
 
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from fraexp_plugins.estimators._shared.encoder import mean_rounding_error, repeated_rounding_variance
-from fraexp_plugins.estimators._shared.weak_terms import motion_shares
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
-from fraexp_plugins.excitations.stepped_sine import SteppedSine
 
 from fraexp.analysis.confidence import circle_factor, confidence_limits, degrees_of_freedom
 from fraexp.data.signals import Segment, Signals
-from fraexp.errors import ParameterError
 from tests.examples import some
 from tests.machines import FRICTIONLESS, guide, simulated
 
@@ -59,17 +53,6 @@ def test_noise_leaves_of_the_rounding_error_what_many_measurements_show(noise):
     shown = np.mean(rounded(noisy) - noisy, axis=0)
     assert np.max(np.abs(shown - mean_rounding_error(position, STEP, noise))) < 0.05 * STEP
     assert np.var(shown) == pytest.approx(repeated_rounding_variance(STEP, noise), rel=0.15, abs=1e-4 * STEP**2)
-
-
-def test_clear_terms_are_kept_whole_and_noise_is_not():
-    generator = np.random.default_rng(1)
-    noise = (generator.normal(size=(200, 100)) + 1j * generator.normal(size=(200, 100))) / np.sqrt(2)
-    shares = motion_shares(noise, 1.0)[:, 1:]
-    assert np.mean(shares) < 0.06
-    decay = 1e3 * np.arange(1, 101) ** -2.0
-    shares = motion_shares(noise + decay, 1.0)
-    assert np.all(shares[:, 1:10] == 1)
-    assert 0.2 < np.mean(shares[:, 30:40]) < 0.8, "below the limit of clear terms a part is kept"
 
 
 @pytest.mark.parametrize("frequency", some([5.0, 20.0, 40.0], 20.0))
@@ -152,22 +135,9 @@ def test_the_band_does_not_depend_on_the_points_per_sample():
     assert few.standard_deviation == pytest.approx(many.standard_deviation, rel=0.1)
 
 
-def test_a_tolerance_that_settles_nothing_is_refused():
-    with pytest.raises(ParameterError, match="settling_tolerance"):
-        SteppedSine.parse({"amplitude": 1.0, "settling_tolerance": 0.5}, "excitation")
-
-
 @pytest.mark.thorough
-def test_bands_cover_the_truth_on_the_simulated_loop(checkout: Path) -> None:
-    script = checkout / "benchmarks" / "friction_bands.py"
-    command = [sys.executable, str(script), "encoder", "--reduced", "--method", "effective_input", "--seed", "0"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(("modulation", "noise"), [(0.0, 0.01), (0.006, 0.01), (0.006j, 0.01), (0.004 + 0.004j, 0.01)])
-def test_the_conventional_band_holds_where_friction_gathers_noise_at_the_line(modulation, noise):
+@pytest.mark.parametrize("modulation", [0.006, 0.006j])
+def test_the_conventional_band_holds_where_friction_gathers_noise_at_the_line(modulation):
     """Noise that the motion modulates lies along one direction, and its spectrum peaks where the motion's does."""
     generator = np.random.default_rng(5)
     periods, samples, seeds = 8, 100, 1200
@@ -175,7 +145,7 @@ def test_the_conventional_band_holds_where_friction_gathers_noise_at_the_line(mo
     hits = []
     for _ in range(seeds):
         slow = coloured(generator, turns.size, cutoff=1 / samples)
-        y = np.real((1 + modulation * slow) * turns) + generator.normal(0, noise, turns.size)
+        y = np.real((1 + modulation * slow) * turns) + generator.normal(0, 0.01, turns.size)
         channels = {"u": turns.real.reshape(periods, -1), "y": y.reshape(periods, -1)}
         signals = Signals((Segment(1e-3, channels, np.array([1])),), {"u": "N", "y": "m"})
         hits.append(is_covered(Conventional().estimate(signals).response, 1.0)[:, 0])

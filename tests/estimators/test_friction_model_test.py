@@ -1,6 +1,7 @@
 """Is the friction model good enough? The answer without the plant, from a noisy scale and from a record's channels."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -9,16 +10,15 @@ from fraexp_plugins.excitations.multisine import Multisine
 
 from fraexp.data.results import Outcome
 from fraexp.errors import RecordError
-from fraexp.simulation.loop import simulate_loop
-from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.examples import some
-from tests.machines import LEAD, TABLE, guide, simulated
+from tests.machines import TABLE, excited, guide, simulated
 
 SCALE = {"resolution": 0.1e-6, "noise": 30e-9}
 BANDS = ("1-5 Hz", "5-20 Hz", "20-100 Hz")
 
 
-def recorded(rms, *, periods=4, scale=SCALE):
+@cache
+def recorded(rms, *, periods=4):
     excitation = Multisine(
         rms=rms,
         min_frequency=1,
@@ -29,8 +29,7 @@ def recorded(rms, *, periods=4, scale=SCALE):
         realisations=6,
         recorded_periods=periods,
     )
-    loop = ControlLoop(sample_time=500e-6, input_dead_time=1e-3, **scale)
-    return simulate_loop(Machine(TABLE, guide(), LEAD, loop, Numerics()), excitation, lambda _: None)
+    return excited(excitation, guide(), **SCALE)
 
 
 @pytest.fixture(scope="module", params=[12.0, 40.0])

@@ -73,11 +73,7 @@ def test_the_spectra_are_those_of_scipy() -> None:
     _, s_yy = signal.welch(y, **settings)
     _, coherence = signal.coherence(u, y, **settings)
     bins = slice(10, 199)
-    expected = {
-        "h1": s_uy / s_uu,
-        "h2": s_yy / np.conj(s_uy),
-        "hv": np.sqrt(s_yy / s_uu) * np.exp(1j * np.angle(s_uy)),
-    }
+    expected = {"h1": s_uy / s_uu, "h2": s_yy / np.conj(s_uy), "hv": np.sqrt(s_yy / s_uu) * np.exp(1j * np.angle(s_uy))}
     for form, values in expected.items():
         response = found(H1H2Hv(variant=form, window=2 * SAMPLES * SAMPLE_TIME_S), signals)
         np.testing.assert_allclose(response.frequency, frequency[bins], rtol=1e-12)

@@ -6,7 +6,6 @@ from fraexp_plugins.estimators.higher_order_describing_functions import HigherOr
 from fraexp_plugins.excitations.multisine import Multisine
 from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.plants.modal import Modal
 
 from fraexp.data.signals import Segment, Signals
 from fraexp.errors import RecordError
@@ -77,43 +76,6 @@ def test_coulomb_friction_distorts_by_half():
     square = np.sqrt(sum(1 / k**2 for k in range(3, 51, 2)))
     assert result.metrics[0].value == pytest.approx(square, abs=2e-3)
     assert result.metrics[0].value < 0.483426
-
-
-def looped(alpha, gain):
-    """Return sines through y = g (v + α v³), whose input v = r - c y has harmonics of its own: solved by iteration."""
-    amplitudes = 0.02 * np.ones(8)
-    lines = np.array([1, 2, 3, 5, 7, 10, 15, 21])
-    segments = []
-    for amplitude, line in zip(amplitudes, lines, strict=True):
-        r = amplitude * np.cos(2 * np.pi * line * np.arange(SAMPLES) / SAMPLES)
-        u = r.copy()
-        for _ in range(200):
-            u = 0.5 * u + 0.5 * (r - gain * (u + alpha * u**3))
-        y = u + alpha * u**3
-        segments.append(Segment(1e-4, {"u": u[None], "y": y[None]}, np.array([line])))
-    return Signals(tuple(segments), {"u": "N", "y": "m"})
-
-
-def test_the_harmonics_of_the_input_are_taken_off():
-    """The controller feeds the third harmonic back: the raw H3 is lower by 1/(1 + gain), the mended one right."""
-    alpha, gain = 100.0, 1.5
-    signals = looped(alpha, gain)
-    raw, mended = (
-        HigherOrderDescribingFunctions(remove_input_harmonics=correction).estimate(signals)
-        for correction in (False, True)
-    )
-    amplitude = raw.response.input_amplitude[0]
-    expected = alpha * amplitude**2 / 4
-    third = [abs(orders(result)["H3"]) for result in (raw, mended)]
-    assert third[0] == pytest.approx(expected / (1 + gain), rel=0.02)
-    assert third[1] == pytest.approx(expected, rel=0.02)
-
-
-def test_a_plant_that_is_not_that_of_the_record_removes_nothing_reliably():
-    signals = looped(100.0, 1.5)
-    alone, given = HigherOrderDescribingFunctions(), HigherOrderDescribingFunctions(plant=Modal(rigid_body_gain=1.0))
-    assert np.isnan(alone.estimate(signals).curves[2].columns["magnitude"][-1])
-    assert np.isnan(given.estimate(signals).curves[2].columns["magnitude"][:6]).all()
 
 
 def test_friction_makes_odd_orders_alone():

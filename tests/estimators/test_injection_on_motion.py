@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fraexp_plugins.estimators.injection_on_motion import _Modulation, apparent_mass_metrics
+from fraexp_plugins.estimators.injection_on_motion import apparent_mass_metrics
 
 from fraexp.analysis.confidence import circle_factor, degrees_of_freedom
 from fraexp.cli.exits import ExitCode
@@ -94,12 +94,6 @@ def test_the_apparent_mass_is_found_where_the_conventional_response_is_far_off(m
     assert np.median(damping) == pytest.approx(DRIVE.viscous, rel=0.2)  # F/a = M + D/(jw)
 
 
-@pytest.mark.thorough
-def test_friction_is_taken_off_by_the_effective_input_at_the_same_lines(moves: dict[str, np.ndarray]) -> None:
-    found = estimate(moves, **compensated(DRIVE))
-    assert mass_error(found) < MAX_MASS_ERROR
-
-
 def test_an_axis_that_only_oscillates_is_refused(moves: dict[str, np.ndarray]) -> None:
     still = {**moves, "y": 1e-6 * np.sin(2 * np.pi * 20 * np.arange(moves["y"].size) / DRIVE.rate)}
     with pytest.raises(RecordError, match=r"0 blocks of 0\.2 s slide without reversal .* move farther or faster"):
@@ -174,18 +168,6 @@ def test_the_masss_interval_covers_it_with_few_blocks_per_line() -> None:
         inside_by_weights.append(abs(values["apparent mass"] - 1) < 1.96 / np.sqrt(weights.sum()))
     assert 0.935 < np.mean(inside) < 0.965
     assert np.mean(inside_by_weights) < 0.92
-
-
-def test_blocks_with_equal_residuals_are_one_block() -> None:
-    """Equal blocks count once, independent ones each, and those in which a line has the opposite phase cancel there."""
-    modulation = _Modulation.of(np.array([4, 7]), 200, 2)
-    noise = np.random.default_rng(0).normal(size=8000)
-    starts = list(range(0, 8000, 200))
-    assert modulation.repetition(noise, starts) == pytest.approx(1.0, abs=0.25)
-    assert modulation.repetition(np.tile(noise[:200], 40), starts) == pytest.approx(40.0)
-    turns = np.array([4, 7]) * 225 / 200
-    expected = 1 + np.cos(2 * np.pi * turns)
-    assert modulation.repetition(np.tile(noise[:225], 2), [0, 225]) == pytest.approx(expected, abs=1e-9)
 
 
 def test_a_record_of_moves_gives_the_mass_by_one_command(

@@ -3,19 +3,14 @@
 import numpy as np
 import pytest
 from fraexp_plugins.controllers.pid import Pid
-from fraexp_plugins.estimators._shared.motion_above_nyquist import motion_above_nyquist
-from fraexp_plugins.estimators._shared.plant_above_modes import PlantAboveModes
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.plants.modal import Modal
 
 from fraexp.analysis.confidence import circle_factor, degrees_of_freedom
-from fraexp.data.signals import Segment, Signals
+from fraexp.data.signals import Signals
 from tests.estimators.test_encoder_bands import NOISE, STEP, measured, rounded
 from tests.machines import simulated
-
-SAMPLES, POINTS, SAMPLE_TIME = 10, 8, 1e-3
-GAIN, HARMONIC = 0.4, 9
 
 PLANT = Modal(
     rigid_body_gain=0.5, frequencies=(23.0, 140.0), damping_ratios=(0.01, 0.3), modal_gain_ratios=(0.15, -0.4)
@@ -30,30 +25,6 @@ FRICTION = Rolling(
 
 UNDAMPED = FRICTION.model_copy(update={"damping": (), "viscous_coefficient": 60.0})
 DELAYS = {"input_dead_time": 1.04e-3, "output_dead_time": 0.36e-3, "input_time_constants": (0.6e-3,)}
-
-
-def angle(harmonic: int) -> np.ndarray:
-    return 2 * np.pi * harmonic * np.arange(2 * SAMPLES * POINTS) / (SAMPLES * POINTS)
-
-
-@pytest.mark.parametrize(("lines", "is_alias_motion"), [([1], True), ([3], False)])
-def test_a_mass_follows_a_force_above_the_nyquist_frequency(lines, is_alias_motion):
-    """m x'' = -cos ωt gives x = cos ωt/(m ω²); nine times in ten samples it looks like once."""
-    segment = Segment(SAMPLE_TIME, {"y": np.zeros((2, SAMPLES))}, np.array(lines))
-    found = motion_above_nyquist(
-        segment, np.cos(angle(HARMONIC)) + np.cos(angle(3)), PlantAboveModes.of_gain(GAIN, 2), ()
-    )
-    size = GAIN / (2 * np.pi * HARMONIC / (SAMPLES * SAMPLE_TIME)) ** 2
-    alias = np.cos(angle(1)) if is_alias_motion else 0.0
-    assert found.aliases == pytest.approx([size if is_alias_motion else 0.0], abs=1e-9 * size)
-    np.testing.assert_allclose(found.interpolation_error, size * (np.cos(angle(HARMONIC)) - alias), atol=1e-9 * size)
-
-
-def test_without_a_relative_degree_there_is_no_such_motion():
-    segment = Segment(SAMPLE_TIME, {"y": np.zeros((2, SAMPLES))}, np.array([1]))
-    found = motion_above_nyquist(segment, np.cos(angle(HARMONIC)), PlantAboveModes.of_gain(GAIN, 0), ())
-    assert not found.aliases.any()
-    assert not found.interpolation_error.any()
 
 
 def recorded(frequencies: tuple[float, ...], friction: Rolling) -> Signals:
@@ -74,7 +45,6 @@ def test_images_of_the_hold_follow_from_the_motion_at_harmonics():
     assert np.abs(response.response / truth - 1)[-1] < 8e-6
 
 
-@pytest.mark.thorough
 def test_damped_elements_are_compensated_between_the_samples():
     """The interpolated samples alone are 4e-5 to 2e-4 off, at any number of points and steps."""
     signals = recorded((2.0, 5.0, 10.0, 30.0, 40.0, 80.0, 350.0, 400.0), FRICTION)

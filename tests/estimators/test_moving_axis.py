@@ -12,9 +12,7 @@ from fraexp_plugins.excitations.moving_sine import MovingSine
 from fraexp.analysis.confidence import circle_factor
 from fraexp.data.signals import Segment, Signals
 from fraexp.errors import RecordError
-from fraexp.simulation.loop import simulate_loop
-from fraexp.simulation.machine import ControlLoop, Machine, Numerics
-from tests.machines import LEAD, TABLE, decibel, degrees, guide, simulated
+from tests.machines import TABLE, decibel, degrees, excited, guide, simulated
 
 DELAYS = {"input_dead_time": 1e-3}
 FREQUENCIES = (1.0, 5.0, 12.0, 20.0, 39.0, 80.0)
@@ -31,8 +29,7 @@ def moving(amplitude=4.0, velocity=0.05, viscous=4.69, frequencies=FREQUENCIES, 
         base_period=base_period,
         **given,
     )
-    machine = Machine(TABLE, guide(viscous=viscous), LEAD, ControlLoop(sample_time=500e-6, **DELAYS), Numerics())
-    return simulate_loop(machine, excitation, lambda _: None)
+    return excited(excitation, guide(viscous=viscous))
 
 
 @pytest.fixture(scope="module")

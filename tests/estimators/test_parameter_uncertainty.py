@@ -1,16 +1,8 @@
 """The band of the proposed method that knows how uncertain its friction model is."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
-from fraexp_plugins.estimators._shared.parameter_uncertainty import (
-    Deviation,
-    check_deviations,
-    perturbations,
-    with_moved_parameters,
-)
+from fraexp_plugins.estimators._shared.parameter_uncertainty import Deviation, check_deviations, perturbations
 from fraexp_plugins.estimators.best_linear_approximation import BestLinearApproximation
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
@@ -46,12 +38,6 @@ def test_the_covariance_is_that_of_the_error_law(signals):
     assert np.allclose(stated, parts[:, :, None] * parts[:, None, :], rtol=1e-6, atol=0)
 
 
-def test_independent_errors_add_up(signals):
-    parts = [covariance_of(signals, **given) for given in ({"force_std": 0.02}, {"displacement_std": 0.03})]
-    both = covariance_of(signals, force_std=0.02, displacement_std=0.03)
-    assert np.allclose(both, parts[0] + parts[1], rtol=1e-12, atol=0)
-
-
 def test_a_parameter_deviates_as_its_scale_does(signals):
     friction = Rolling(curve=CURVE)
     deviation = Deviation(parameter="curve.coulomb_force", std=0.05 * 17.9)
@@ -60,26 +46,6 @@ def test_a_parameter_deviates_as_its_scale_does(signals):
         for given in ({"deviations": (deviation,)}, {"force_std": 0.05})
     )
     assert np.allclose(by_name, by_scale, rtol=1e-9, atol=0)
-
-
-def test_errors_that_always_come_together_are_one(signals):
-    """With correlation 1 two parameters move along one line: their effects add before they are squared."""
-    friction = Rolling(curve=CURVE, viscous_coefficient=4.69)
-    first, second = (
-        Deviation(parameter="curve.coulomb_force", std=0.5),
-        Deviation(parameter="viscous_coefficient", std=1.0),
-    )
-    given = {"deviations": (first, second), "correlation": ((1.0, 1.0), (1.0, 1.0))}
-    found = EffectiveInput(friction=friction, **DELAYS, **given).estimate(signals).response
-    assert (
-        np.max(np.linalg.det(found.model_covariance) / np.trace(found.model_covariance, axis1=1, axis2=2) ** 2) < 1e-9
-    )
-    singles = [
-        EffectiveInput(friction=friction, **DELAYS, deviations=(one,)).estimate(signals).response
-        for one in (first, second)
-    ]
-    apart = sum(single.model_covariance for single in singles)
-    assert not np.allclose(found.model_covariance, apart, rtol=0.05)
 
 
 def test_the_covariance_is_that_of_drawn_parameters():
@@ -107,7 +73,6 @@ def test_the_covariance_is_that_of_drawn_parameters():
         ("viscous_coefficient", "0.5 N s/m", 0.5),
         ("curve.characteristic_displacement", "2 um", 2e-6),
         ("curve.coulomb_force", "0.5", 0.5),
-        ("curve.characteristic_displacement", "2 um", 2e-6),
     ],
 )
 def test_a_deviation_is_read_in_the_unit_of_its_parameter(signals, parameter, text, number):
@@ -139,18 +104,9 @@ def test_a_parameter_that_deviates_twice_is_refused(names):
         next(perturbations(friction, twice, (), 2.0))
 
 
-def test_a_number_in_a_list_deviates(signals):
-    friction = Rolling(stiffness=(1e5, 2e5), limit_force=(5.0, 4.0))
-    found = with_moved_parameters(friction, [Deviation(parameter="limit_force.1", std=0.5)], np.array([0.5]))
-    assert found.limit_force == (5.0, 4.5)
-
-
 def test_bounds_shorten_the_step(signals):
     """A limit force of 0.5 ± 0.4 N cannot be two deviations lower; the difference is then taken over less."""
-    friction, deviation = (
-        Rolling(stiffness=(1e5,), limit_force=(0.5,)),
-        Deviation(parameter="limit_force.0", std=0.4),
-    )
+    friction, deviation = (Rolling(stiffness=(1e5,), limit_force=(0.5,)), Deviation(parameter="limit_force.0", std=0.4))
     ((above, below, steps),) = perturbations(friction, [deviation], (), 2.0)
     assert steps == 1.0
     assert (above.limit_force, below.limit_force) == ((0.9,), pytest.approx((0.1,)))
@@ -178,13 +134,8 @@ def test_without_a_stated_uncertainty_the_band_is_that_of_noise(signals):
             {"deviations": ({"parameter": "curve.characteristic_displacement", "std": "2 N"},)},
             "'N' is not a unit of the same kind as 'm'",
         ),
-        ({"deviations": ({"parameter": "curve.characteristic_displacement", "std": "-2 um"},)}, "must be above 0 m"),
         (
             {"deviations": ({"parameter": "curve.characteristic_displacement", "std": -2e-6},)},
-            "expected a number above 0",
-        ),
-        (
-            {"deviations": ({"parameter": "curve.characteristic_displacement", "std": True},)},
             "expected a number above 0",
         ),
         ({"correlation": ((1.0,),)}, "expected 0 rows"),
@@ -203,13 +154,3 @@ def test_a_matrix_that_is_no_correlation_is_refused(matrix):
         EffectiveInput.parse(
             {"friction": Rolling(curve=CURVE), "deviations": names, "correlation": matrix}, "effective_input"
         )
-
-
-@pytest.mark.thorough
-def test_the_plant_lies_in_the_band_when_friction_is_drawn_from_it(checkout):
-    """At 95 % of the frequencies at least, with and without sensor noise, in all three ways to read the band."""
-    script = checkout / "benchmarks" / "friction_bands.py"
-    command = [sys.executable, str(script), "drawn-friction", "--reduced", "--seed", "0"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.rstrip().endswith("0 missed")

@@ -17,10 +17,8 @@ from fraexp_plugins.friction.none import Frictionless
 
 from fraexp.data.results import Outcome
 from fraexp.data.signals import Signals
-from fraexp.simulation.loop import simulate_loop
-from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.examples import some, thorough
-from tests.machines import LEAD, TABLE, decibel, guide, simulated, table_models
+from tests.machines import TABLE, decibel, excited, guide, simulated, table_models
 
 COULOMB = Coulomb(coulomb_force=17.9, viscous_coefficient=4.69)
 STRIBECK = Coulomb(coulomb_force=15.0, static_force=20.0, viscous_coefficient=4.69)
@@ -40,15 +38,14 @@ def estimated_error(message):
     return float(found)
 
 
-@pytest.mark.parametrize("resolution", some([0.0, 1e-7], 1e-7))
 @pytest.mark.parametrize(
-    ("friction", "amplitude"),
+    ("friction", "amplitude", "resolution"),
     [
-        (COULOMB, 25.0),
-        thorough(STOP, 25.0),
-        thorough(STRIBECK, 40.0),
-        thorough(STRIBECK, 75.0),
-        thorough(COULOMB, 75.0),
+        (COULOMB, 25.0, 1e-7),
+        thorough(STOP, 25.0, 0.0),
+        thorough(STRIBECK, 40.0, 1e-7),
+        thorough(STRIBECK, 75.0, 0.0),
+        thorough(COULOMB, 75.0, 1e-7),
     ],
 )
 def test_a_machine_that_sticks_is_not_ok_and_says_how_far_it_is_off(friction, amplitude, resolution):
@@ -62,26 +59,11 @@ def test_a_machine_that_sticks_is_not_ok_and_says_how_far_it_is_off(friction, am
     assert estimated_error(found.message) == pytest.approx(error.max(), rel=0.5)
 
 
-def test_the_estimate_is_that_of_each_frequency():
-    """If friction balances the input at standstill the response is the plant, but for the load's free vibration."""
-    signals = simulated(COULOMB, LOW, 25.0)
-    estimator = EffectiveInput(friction=COULOMB, **DELAYS).resolve_oversampling(signals.segments)
-    found = estimator.estimate(signals)
-    corrected = estimator._response_with(signals, estimator._hidden(signals), found.response)
-    plant = TABLE.response(2 * np.pi * found.response.frequency)
-    assert np.abs(decibel(found.response.response / plant)).min() > 4
-    assert np.abs(decibel(corrected / plant)).max() < 0.8
-
-
 def test_a_method_behind_the_observer_is_checked_as_the_observer_alone():
     """One is checked with û_e as a channel, the other with its phasors."""
     signals = simulated(COULOMB, LOW, 25.0)
     plain = EffectiveInput(friction=COULOMB, **DELAYS).resolve_oversampling(signals.segments)
     nested = plain.model_copy(update={"method": Conventional(refer_to_plant=True)})
-    corrected = [
-        each._response_with(signals, each._hidden(signals), each.estimate(signals).response) for each in (plain, nested)
-    ]
-    assert np.abs(corrected[1] / corrected[0] - 1).max() < 1e-9
     assert nested.estimate(signals).message == plain.estimate(signals).message
 
 
@@ -124,11 +106,10 @@ def test_a_part_that_sticks_hides_its_share():
     assert error.max() < estimated_error(found.message) < 3 * error.max()
 
 
-@pytest.mark.parametrize("amplitude", some([12.0, 75.0], 12.0))
 @pytest.mark.parametrize("name", some(["rolling", "gms", "dahl", "lugre"], "rolling", "dahl"))
-def test_friction_that_the_motion_shows_is_ok(registry, name, amplitude):
+def test_friction_that_the_motion_shows_is_ok(registry, name):
     friction = table_models(registry)[name]
-    signals = simulated(friction, (5.0, 12.0, 40.0, 150.0), amplitude, resolution=1e-7)
+    signals = simulated(friction, (5.0, 12.0, 40.0, 150.0), 12.0, resolution=1e-7)
     found = EffectiveInput(friction=friction, resolution=1e-7, **DELAYS).estimate(signals)
     assert "standstill" not in found.message
     assert not any(EffectiveInput(friction=friction, resolution=1e-7, **DELAYS)._hidden(signals))
@@ -140,12 +121,11 @@ def test_a_machine_without_friction_is_ok():
 
 
 def test_a_multisine_that_sticks_is_not_ok():
-    loop, numerics = ControlLoop(sample_time=500e-6, **DELAYS), Numerics(steps_per_sample=5)
     excitation = Multisine(
         rms=25.0, min_frequency=1, max_frequency=100, line_spacing=0.5, points=20, detection_group_size=0,
         realisations=2, settling_timeout=4.0,
     )  # fmt: skip
-    signals = simulate_loop(Machine(TABLE, COULOMB, LEAD, loop, numerics), excitation, lambda _: None)
+    signals = excited(excitation, COULOMB, steps=5)
     estimator = EffectiveInput(friction=COULOMB, **DELAYS, method=BestLinearApproximation())
     found = estimator.estimate(replace(signals, outcome=Outcome.OK, message=""))
     error = np.abs(decibel(1 + plant_error(found)))
@@ -158,8 +138,7 @@ def test_a_moving_axis_does_not_stick():
     excitation = MovingSine(
         amplitude=4.0, velocity=0.05, frequencies=(5.0, 20.0), reversal_settling_time=1.0, base_period=4.0
     )
-    machine = Machine(TABLE, COULOMB, LEAD, ControlLoop(sample_time=500e-6, **DELAYS), Numerics(steps_per_sample=5))
-    signals = simulate_loop(machine, excitation, lambda _: None)
+    signals = excited(excitation, COULOMB, steps=5)
     found = EffectiveInput(friction=COULOMB, **DELAYS, method=MovingAxis(reversal_settling_time=1.0)).estimate(signals)
     assert found.outcome is Outcome.OK
     assert np.abs(plant_error(found)).max() < 1e-3

@@ -5,13 +5,13 @@ from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.kinds.amplitude_map import amplitude_map_info, draw_amplitude_map
-from tests.figures.conftest import ResponseMaker
+from tests.figures.curves import make_response
 
 FREQUENCY = np.geomspace(1, 100, 30)
 PLANT = -0.1 / FREQUENCY**2
 
 
-def shown(make_response: ResponseMaker, amplitude: float, series: str = "", **options) -> ShownResult:
+def shown(amplitude: float, series: str = "", **options) -> ShownResult:
     """A response that is off by the amplitude [dB] and by as many degrees."""
     factor = 10 ** (amplitude / 20) * np.exp(1j * np.radians(amplitude))
     frequency = options.pop("frequency", FREQUENCY)
@@ -21,8 +21,8 @@ def shown(make_response: ResponseMaker, amplitude: float, series: str = "", **op
     return ShownResult(f"{amplitude} N", result, truth=truth, amplitude=amplitude, amplitude_unit="N", series=series)
 
 
-def test_rows_are_amplitudes_and_values_are_relative_to_the_plant(make_response: ResponseMaker) -> None:
-    info = amplitude_map_info([shown(make_response, amplitude) for amplitude in (12.0, 3.0, 75.0)])
+def test_rows_are_amplitudes_and_values_are_relative_to_the_plant() -> None:
+    info = amplitude_map_info([shown(amplitude) for amplitude in (12.0, 3.0, 75.0)])
     (found,) = info.maps
     assert info.is_relative
     np.testing.assert_array_equal(found.amplitude, [3, 12, 75])
@@ -30,26 +30,26 @@ def test_rows_are_amplitudes_and_values_are_relative_to_the_plant(make_response:
     np.testing.assert_allclose(found.phase, found.magnitude)
 
 
-def test_without_the_plant_values_are_absolute(make_response: ResponseMaker) -> None:
-    info = amplitude_map_info([shown(make_response, amplitude, "unknown") for amplitude in (1.0, 2.0)])
+def test_without_the_plant_values_are_absolute() -> None:
+    info = amplitude_map_info([shown(amplitude, "unknown") for amplitude in (1.0, 2.0)])
     assert (info.is_relative, info.unit) == (False, "mm/N")
     np.testing.assert_allclose(info.maps[0].magnitude[0], 20 * np.log10(-1e3 * PLANT) + 1)
     labels = [axes.get_ylabel() for axes in draw_amplitude_map(info).axes]
     assert labels == ["Excitation amplitude [N]"] * 2 + ["Magnitude [dB re 1 mm/N]", "Phase [deg]"]
 
 
-def test_other_frequencies_are_interpolated_and_nothing_is_guessed_beyond(make_response: ResponseMaker) -> None:
+def test_other_frequencies_are_interpolated_and_nothing_is_guessed_beyond() -> None:
     narrow = np.geomspace(3, 30, 17)
-    (found,) = amplitude_map_info([shown(make_response, 1.0), shown(make_response, 2.0, frequency=narrow)]).maps
+    (found,) = amplitude_map_info([shown(1.0), shown(2.0, frequency=narrow)]).maps
     inside = (FREQUENCY >= 3) & (FREQUENCY <= 30)
     np.testing.assert_allclose(found.magnitude[1, inside], 2)
     assert np.isnan(found.magnitude[1, ~inside]).all()
     np.testing.assert_array_equal(found.settled[1], inside)
 
 
-def test_what_has_not_settled_is_hatched_and_has_no_colour(make_response: ResponseMaker) -> None:
+def test_what_has_not_settled_is_hatched_and_has_no_colour() -> None:
     settled = FREQUENCY > 2
-    info = amplitude_map_info([shown(make_response, 1.0, settled=settled), shown(make_response, 5.0)])
+    info = amplitude_map_info([shown(1.0, settled=settled), shown(5.0)])
     figure = draw_amplitude_map(info)
     upper = figure.axes[0]
     mesh = upper.collections[0]
@@ -59,10 +59,8 @@ def test_what_has_not_settled_is_hatched_and_has_no_colour(make_response: Respon
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["not settled"]
 
 
-def test_each_series_has_a_map_and_all_share_their_colours(make_response: ResponseMaker) -> None:
-    curves = [
-        shown(make_response, amplitude, name) for name in ("conventional", "proposed") for amplitude in (3.0, 30.0)
-    ]
+def test_each_series_has_a_map_and_all_share_their_colours() -> None:
+    curves = [shown(amplitude, name) for name in ("conventional", "proposed") for amplitude in (3.0, 30.0)]
     figure = draw_amplitude_map(amplitude_map_info(curves, "Both"))
     assert [axes.get_title() for axes in figure.axes[:2]] == ["conventional", "proposed"]
     assert figure.get_suptitle() == "Both"
@@ -77,15 +75,15 @@ def test_each_series_has_a_map_and_all_share_their_colours(make_response: Respon
         (2, 5, "found 5 series; no more than 4 maps"),
     ],
 )
-def test_what_makes_no_map_is_refused(count: int, series: int, sentence: str, make_response: ResponseMaker) -> None:
-    curves = [shown(make_response, 1.0 + row, str(name)) for name in range(series) for row in range(count)]
+def test_what_makes_no_map_is_refused(count: int, series: int, sentence: str) -> None:
+    curves = [shown(1.0 + row, str(name)) for name in range(series) for row in range(count)]
     with pytest.raises(FraexpError, match=sentence):
         amplitude_map_info(curves)
 
 
-def test_a_narrow_axis_has_ticks(make_response: ResponseMaker) -> None:
+def test_a_narrow_axis_has_ticks() -> None:
     scales = [0.9, 1.0, 1.1]
-    figure = draw_amplitude_map(amplitude_map_info([shown(make_response, of, "unknown") for of in scales]))
+    figure = draw_amplitude_map(amplitude_map_info([shown(of, "unknown") for of in scales]))
     axes = figure.axes[0]
     inside = [of for of in axes.get_yticks() if axes.get_ylim()[0] < of < axes.get_ylim()[1]]
     assert len(inside) >= 3

@@ -5,18 +5,17 @@ import time
 import numpy as np
 import pytest
 
-from fraexp.data.results import Curve, FrequencyResponse
-from fraexp.figures.elements.bundles import MIN_QUANTILE_CURVES, Bundle, stack_padded
+from fraexp.data.results import FrequencyResponse
+from fraexp.figures.elements.bundles import MIN_QUANTILE_CURVES, Bundle
 from fraexp.figures.elements.grouping import CurvePlace
 from fraexp.figures.elements.labels import label_texts
 from fraexp.figures.kinds.bode import BodeInfo, bode_info, draw_bode
-from fraexp.figures.kinds.other_curves import curves_info, draw_curves
-from tests.figures.conftest import ResponseMaker
+from tests.figures.curves import make_response
 
 FREQUENCY = np.geomspace(1, 200, 30)
 
 
-def many(make_response: ResponseMaker, count: int) -> list[tuple[str, FrequencyResponse]]:
+def many(count: int) -> list[tuple[str, FrequencyResponse]]:
     gains = np.linspace(1, 2, count)
     return [(f"gain {gain}", make_response(FREQUENCY, -1e-3 * gain / FREQUENCY)) for gain in gains]
 
@@ -29,9 +28,9 @@ def legend(info: BodeInfo) -> list[str]:
     return [text.get_text() for text in draw_bode(info).legends[0].get_texts()]
 
 
-def test_many_curves_are_one_bundle_with_median_and_band(make_response: ResponseMaker) -> None:
+def test_many_curves_are_one_bundle_with_median_and_band() -> None:
     plant = ("P(s)", FREQUENCY, -1e-3 / FREQUENCY)
-    info = bode_info(many(make_response, 101), plant, places=draws(*[""] * 101))
+    info = bode_info(many(101), plant, places=draws(*[""] * 101))
     assert legend(info) == ["101 draws", "median", "5…95 %", "P(s)"]
     (group,) = info.samples
     np.testing.assert_allclose(group.phase, -180)
@@ -44,8 +43,8 @@ def test_many_curves_are_one_bundle_with_median_and_band(make_response: Response
     assert low < 20 * np.log10(1 / 200) < 20 * np.log10(2) < high
 
 
-def test_groups_keep_apart_and_a_small_one_has_no_quantiles(make_response: ResponseMaker) -> None:
-    curves = many(make_response, 30)
+def test_groups_keep_apart_and_a_small_one_has_no_quantiles() -> None:
+    curves = many(30)
     assert legend(bode_info(curves, places=draws(*["H1"] * 25, *["H2"] * 5))) == [
         "H1, 25 draws", "H2, 5 draws", "median", "5…95 %",
     ]  # fmt: skip
@@ -53,18 +52,18 @@ def test_groups_keep_apart_and_a_small_one_has_no_quantiles(make_response: Respo
     assert legend(bode_info(curves, places=draws(*names)))[:3] == ["0, 10 draws", "1, 10 draws", "2, 10 draws"]
 
 
-def test_a_grid_is_no_sample_however_many_points_it_has(make_response: ResponseMaker) -> None:
-    assert len(legend(bode_info(many(make_response, 30)))) == 30
+def test_a_grid_is_no_sample_however_many_points_it_has() -> None:
+    assert len(legend(bode_info(many(30)))) == 30
     places = [CurvePlace(group="all", point=str(index)) for index in range(30)]
-    info = bode_info([("all", of) for _, of in many(make_response, 30)], places=places)
+    info = bode_info([("all", of) for _, of in many(30)], places=places)
     assert (legend(info), info.samples) == (["all"], ())
 
 
-def test_unsettled_points_are_hollow_and_in_no_quantile(make_response: ResponseMaker) -> None:
+def test_unsettled_points_are_hollow_and_in_no_quantile() -> None:
     settled = np.ones(30, dtype=bool)
     settled[[3, 7]] = False
     wild = np.where(settled, -1e-3 / FREQUENCY, 1e3)
-    curves = [("bad", make_response(FREQUENCY, wild, settled=settled)), *many(make_response, 30)]
+    curves = [("bad", make_response(FREQUENCY, wild, settled=settled)), *many(30)]
     info = bode_info(curves, places=draws(*[""] * 31))
     group = info.samples[0]
     bundle = group.bundle(group.magnitude)
@@ -84,14 +83,14 @@ def test_there_is_no_median_where_most_have_no_value() -> None:
     np.testing.assert_array_equal(found, [[1, np.nan]] * 3)
 
 
-def test_other_frequencies_are_lines_without_a_band(make_response: ResponseMaker) -> None:
-    curves = many(make_response, 30)
+def test_other_frequencies_are_lines_without_a_band() -> None:
+    curves = many(30)
     curves[4] = ("shorter", make_response(FREQUENCY[:9], -1e-3 / FREQUENCY[:9]))
     curves[5] = ("empty", make_response([], []))
     assert legend(bode_info(curves, places=draws(*[""] * 30))) == ["29 draws"]
 
 
-def test_nothing_settled_can_be_drawn(make_response: ResponseMaker) -> None:
+def test_nothing_settled_can_be_drawn() -> None:
     never = make_response([1.0, 2.0], [1e-3, 1e-3], settled=[False, False])
     assert legend(bode_info([("a", never)] * 30, places=draws(*[""] * 30))) == [
         "30 draws",
@@ -101,24 +100,9 @@ def test_nothing_settled_can_be_drawn(make_response: ResponseMaker) -> None:
     ]
 
 
-def test_other_curves_are_bundled_too() -> None:
-    time_ = np.linspace(0, 1, 50)
-    curves = [("", Curve("step", {"time": time_, "x": k * time_}, {"time": "s", "x": "m"})) for k in range(40)]
-    figure = draw_curves(curves_info(curves, places=draws(*["a", "b"] * 20)))
-    texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert texts == ["a, 20 draws", "b, 20 draws", "median", "5…95 %"]
-    assert figure.axes[0].get_ylim()[1] > 39
-
-
-def test_rows_are_filled_up() -> None:
-    np.testing.assert_array_equal(stack_padded([np.array([1.0]), np.array([1.0, 2.0])]), [[1, np.nan], [1, 2]])
-    flags = stack_padded([np.array([True]), np.array([True, True])], missing=False)
-    assert flags.dtype == bool
-
-
 @pytest.mark.thorough
-def test_ten_thousand_sweeps_are_drawn_within_seconds(make_response: ResponseMaker) -> None:
-    curves = many(make_response, 10_000)
+def test_ten_thousand_sweeps_are_drawn_within_seconds() -> None:
+    curves = many(10_000)
     began = time.process_time()
     draw_bode(bode_info(curves, ("P(s)", FREQUENCY, -1e-3 / FREQUENCY), places=draws(*[""] * 10_000)))
     components = [{"name": "dahl", "stiffness": float(index)} for index in range(10_000)]

@@ -7,23 +7,23 @@ from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.kinds.coherence import coherence_info, draw_coherence
-from tests.figures.conftest import ResponseMaker
+from tests.figures.curves import make_response
 
 GRID = np.array([1.0, 3.0, 2.0])
 
 
-def shown(make_response: ResponseMaker, label: str, distortion: float = np.nan, **known) -> ShownResult:
+def shown(label: str, distortion: float = np.nan, **known) -> ShownResult:
     harmonics = np.full((3, 6), np.nan, dtype=complex)
     harmonics[:, 0] = distortion
     response = replace(make_response(GRID, np.ones(3)), harmonics=harmonics, **known)
     return ShownResult(label, Result(Outcome.OK, response=response))
 
 
-def test_coherence_and_distortion_are_shown_where_they_are_known(make_response: ResponseMaker) -> None:
+def test_coherence_and_distortion_are_shown_where_they_are_known() -> None:
     info = coherence_info([
-        shown(make_response, "stepped", distortion=0.02),
-        shown(make_response, "spectral", coherence=np.array([0.9, 0.7, 0.8])),
-        shown(make_response, "nothing"),
+        shown("stepped", distortion=0.02),
+        shown("spectral", coherence=np.array([0.9, 0.7, 0.8])),
+        shown("nothing"),
     ])  # fmt: skip
     stepped, spectral = info.curves
     assert stepped.coherence is None
@@ -36,8 +36,8 @@ def test_coherence_and_distortion_are_shown_where_they_are_known(make_response: 
     assert [axes.get_ylabel() for axes in figure.axes] == ["Squared coherence [1]", "Harmonic distortion [%]"]
 
 
-def test_one_panel_is_drawn_if_one_is_known_and_decades_have_their_axis(make_response: ResponseMaker) -> None:
-    few = [shown(make_response, "a", distortion=0.001), shown(make_response, "b", distortion=0.5)]
+def test_one_panel_is_drawn_if_one_is_known_and_decades_have_their_axis() -> None:
+    few = [shown("a", distortion=0.001), shown("b", distortion=0.5)]
     info = coherence_info(few)
     assert info.parts == ("distortion",)
     assert info.is_logarithmic
@@ -45,6 +45,6 @@ def test_one_panel_is_drawn_if_one_is_known_and_decades_have_their_axis(make_res
     assert axes.get_yscale() == "log"
 
 
-def test_without_either_it_says_what_would_tell_them(make_response: ResponseMaker) -> None:
+def test_without_either_it_says_what_would_tell_them() -> None:
     with pytest.raises(FraexpError, match="a stepped sine gives distortion"):
-        coherence_info([shown(make_response, "nothing")])
+        coherence_info([shown("nothing")])

@@ -12,6 +12,7 @@ from fraexp.figures.elements.bundles import TINT_SHARE, mix_grey
 from fraexp.figures.elements.frequency_lines import MODEL_LINE_WIDTH
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.kinds.other_curves import curves_info, draw_curves
+from tests.figures.curves import make_loop
 
 FREQUENCY = np.geomspace(1, 200, 40)
 
@@ -116,15 +117,6 @@ def test_lengths_are_in_a_unit_in_which_they_are_readable(width, unit, shown):
     assert axes.lines[0].get_xdata()[-1] == pytest.approx(shown)
 
 
-def test_lengths_beside_each_other_share_their_unit():
-    time = np.arange(5.0)
-    columns = {"time": time, "position": 2e-4 * time, "error": 1e-8 * time}
-    curve = Curve("motion", columns, {"time": "s", "position": "m", "error": "m"})
-    assert [axes.get_ylabel() for axes in draw_curves(curves_info([("a", curve)])).axes] == [
-        "Position [µm]", "Error [µm]",
-    ]  # fmt: skip
-
-
 def test_limits_are_a_band():
     x = np.linspace(0, 1e-3, 9)
     curve = virgin_curve(x, 1e4 * x, np.full(9, 0.5))
@@ -137,11 +129,6 @@ def test_limits_are_a_band():
     assert edges[:, 0].max() == pytest.approx(1)
 
 
-def test_limits_that_are_not_known_are_no_band():
-    x = np.linspace(0, 1e-3, 9)
-    assert legend(draw_curves(curves_info([("a", virgin_curve(x, 1e4 * x, np.full(9, np.nan)))]))) == ["a"]
-
-
 def test_a_curve_without_an_ordinate_is_left_out():
     bare = Curve("bare", {"time": np.arange(3.0)}, {"time": "s"})
     assert len(draw_curves(curves_info([("a", bare), ("a", sliding())])).axes) == 2, "one curve, both directions"
@@ -149,7 +136,7 @@ def test_a_curve_without_an_ordinate_is_left_out():
         curves_info([("a", bare)])
 
 
-def test_curves_are_chosen_where_not_every_result_has_a_loop(make_loop):
+def test_curves_are_chosen_where_not_every_result_has_a_loop():
     alone = ShownResult("loop", Result(Outcome.OK, curves=(make_loop(1e-5), sliding())))
     assert draw_figure([alone]).axes[0].get_ylabel() == "Friction force [N]"
     both = draw_figure([alone, ShownResult("other", Result(Outcome.OK, curves=(sliding(),)))])

@@ -55,19 +55,6 @@ def test_a_draw_without_a_value_counts_as_worse_than_all():
     assert {"none", "1, first draw 10"} <= set(texts)
 
 
-def test_a_metric_that_most_draws_lack_is_shown():
-    (panel,) = distribution_info(shown("nominal", [np.nan] * 9 + [0.04])).panels
-    (sample,) = panel.samples
-    assert (sample.count, sample.values.size, sample.quantile(0.5)) == (10, 1, np.inf)
-
-
-def test_a_metric_that_no_draw_has_is_shown_as_that():
-    found = shown("nominal", [np.nan] * 10)
-    axes, table = draw_figure(found, kind="distribution").axes
-    assert [text.get_text() for text in axes.texts] == ["no draw has a value"]
-    assert "10, first draw 1" in [text.get_text() for text in table.texts]
-
-
 def test_a_case_that_never_has_a_value_has_its_row():
     found = shown("nominal", TIMES) + shown("wrong", [np.nan] * 10)
     (panel,) = distribution_info(found).panels

@@ -5,57 +5,54 @@ from fraexp.data.results import Metric, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.kinds.plant_errors import FREQUENCY_FACTOR, draw_errors, errors_info
-from tests.figures.conftest import ResponseMaker
+from tests.figures.curves import make_response
 
 FREQUENCY = np.array([39.0, 1.0, 5.0, 12.4, 150.0])
 PLANT = -0.1 / FREQUENCY**2
 COST = (Metric("stroke", 2e-3, "m"), Metric("gain", 1.0, "1"), Metric("peak force", 12.0, "N"))
 
 
-def shown(make_response: ResponseMaker, factor, name: str = "a", truth: bool = True, **options) -> ShownResult:
+def shown(factor, name: str = "a", truth: bool = True, **options) -> ShownResult:
     result = Result(Outcome.OK, response=make_response(FREQUENCY, PLANT * factor, **options), metrics=COST)
     return ShownResult(name, result, truth=PLANT if truth else None, key=f"key of {name}")
 
 
-def test_the_error_is_the_ratio_to_the_plant_at_each_frequency(make_response: ResponseMaker) -> None:
+def test_the_error_is_the_ratio_to_the_plant_at_each_frequency() -> None:
     factor = np.array([2.0, 1.0, 1j, 1.0, 0.1])
-    (curve,) = errors_info([shown(make_response, factor)]).curves
+    (curve,) = errors_info([shown(factor)]).curves
     np.testing.assert_allclose(curve.frequency, np.sort(FREQUENCY))
     np.testing.assert_allclose(curve.magnitude, [0, 0, 0, 20 * np.log10(2), -20], atol=1e-12)
     np.testing.assert_allclose(curve.phase, [0, 90, 0, 0, 0], atol=1e-12)
     assert curve.effort == {"stroke [mm]": 2.0, "peak force [N]": 12.0}
 
 
-def test_the_table_takes_the_nearest_settled_point_and_none_that_is_far(make_response: ResponseMaker) -> None:
+def test_the_table_takes_the_nearest_settled_point_and_none_that_is_far() -> None:
     settled = FREQUENCY != 5.0
-    info = errors_info([shown(make_response, 1.0, settled=settled)])
+    info = errors_info([shown(1.0, settled=settled)])
     (curve,) = info.curves
     assert info.spots == (1, 5, 12, 20, 39, 80, 150)
     at = [curve.index_near(spot) for spot in info.spots]
     assert [None if index is None else curve.frequency[index] for index in at] == [1, None, 12.4, None, 39, None, 150]
-    assert errors_info([shown(make_response, 1.0)], spots=(0.5, 39, 150 * FREQUENCY_FACTOR, 200)).spots == (
-        39,
-        150 * FREQUENCY_FACTOR,
-    )
+    assert errors_info([shown(1.0)], spots=(0.5, 39, 150 * FREQUENCY_FACTOR, 200)).spots == (39, 150 * FREQUENCY_FACTOR)
 
 
-def test_the_share_of_limits_that_hold_the_plant(make_response: ResponseMaker) -> None:
+def test_the_share_of_limits_that_hold_the_plant() -> None:
     deviation = np.abs(PLANT) * 0.01
     factor = np.array([1.005, 1.005, 1.005, 1.1, 1.005])
-    (curve,) = errors_info([shown(make_response, factor, deviation=deviation)]).curves
+    (curve,) = errors_info([shown(factor, deviation=deviation)]).curves
     assert curve.coverage == pytest.approx(0.9)  # one magnitude of five is off, no phase is
-    assert np.isnan(errors_info([shown(make_response, factor)]).curves[0].coverage)
+    assert np.isnan(errors_info([shown(factor)]).curves[0].coverage)
 
 
-def test_responses_without_a_known_plant_are_left_out(make_response: ResponseMaker) -> None:
-    info = errors_info([shown(make_response, 1.0, "known"), shown(make_response, 1.0, "unknown", truth=False)])
+def test_responses_without_a_known_plant_are_left_out() -> None:
+    info = errors_info([shown(1.0, "known"), shown(1.0, "unknown", truth=False)])
     assert [curve.key for curve in info.curves] == ["key of known"]
     with pytest.raises(FraexpError, match="found no response of a simulated plant"):
-        errors_info([shown(make_response, 1.0, truth=False)])
+        errors_info([shown(1.0, truth=False)])
 
 
-def test_lines_and_table_tell_the_same(make_response: ResponseMaker) -> None:
-    curves = [shown(make_response, factor, f"case {factor}") for factor in (2.0, 1.0, 0.01)]
+def test_lines_and_table_tell_the_same() -> None:
+    curves = [shown(factor, f"case {factor}") for factor in (2.0, 1.0, 0.01)]
     figure = draw_errors(errors_info(curves, "My methods"))
     upper, lower, table = figure.axes
     assert figure.subfigs[0].get_suptitle() == "My methods"
@@ -67,6 +64,6 @@ def test_lines_and_table_tell_the_same(make_response: ResponseMaker) -> None:
     assert texts.count("-") == 2 * 3, "two of seven frequencies have no point near"
 
 
-def test_more_curves_than_can_be_told_apart_are_refused(make_response: ResponseMaker) -> None:
+def test_more_curves_than_can_be_told_apart_are_refused() -> None:
     with pytest.raises(FraexpError, match="found 21 responses; no more than 20"):
-        draw_errors(errors_info([shown(make_response, 1.0, str(number)) for number in range(21)]))
+        draw_errors(errors_info([shown(1.0, str(number)) for number in range(21)]))

@@ -15,13 +15,13 @@ from fraexp.figures.drawing import DRAWING_FUNCTIONS, FACET_KINDS, draw_figure
 from fraexp.figures.elements.grouping import group_sweeps
 from fraexp.figures.elements.shown import ShownResult
 from tests.examples import some
-from tests.figures.conftest import ResponseMaker
+from tests.figures.curves import make_response
 
 Labels = dict[str, object]
 GRID = np.geomspace(1, 200, 9)
 
 
-def result_of(make_response: ResponseMaker, factor: float) -> Result:
+def result_of(factor: float) -> Result:
     """Return a result with a response and a curve of each kind, all of which grow with a factor."""
     response = make_response(GRID, -factor / GRID**2)
     response = replace(response, coherence=np.full(GRID.size, 1 / (1 + factor)))
@@ -37,12 +37,9 @@ def result_of(make_response: ResponseMaker, factor: float) -> Result:
     return Result(Outcome.OK, response=response, curves=curves)
 
 
-def shown_grid(make_response: ResponseMaker, grid: list[Labels]) -> list[ShownResult]:
+def shown_grid(grid: list[Labels]) -> list[ShownResult]:
     places = group_sweeps(grid, {"excitation.amplitude": "N"})
-    return [
-        ShownResult(f"sweep {n}", result_of(make_response, 1.0 + n), place, key=str(n))
-        for n, place in enumerate(places)
-    ]
+    return [ShownResult(f"sweep {n}", result_of(1.0 + n), place, key=str(n)) for n, place in enumerate(places)]
 
 
 def combinations(**values: list[object]) -> list[Labels]:
@@ -59,8 +56,8 @@ Drawn = Callable[[list[Labels], str], object]
 
 
 @pytest.fixture
-def draw(make_response: ResponseMaker) -> Drawn:
-    return lambda grid, kind: draw_figure(shown_grid(make_response, grid), title="Grid", kind=kind)
+def draw() -> Drawn:
+    return lambda grid, kind: draw_figure(shown_grid(grid), title="Grid", kind=kind)
 
 
 def test_every_kind_of_figure_can_be_drawn() -> None:
@@ -102,8 +99,8 @@ def test_too_many_panels_are_refused_with_a_remedy(draw: Drawn) -> None:
         draw(combinations(case=[f"case {n}" for n in range(30)]), "coherence")
 
 
-def test_lines_of_all_facets_lie_inside_the_axes_they_share(make_response: ResponseMaker) -> None:
-    shown = shown_grid(make_response, combinations(gain=[0.0, 0.5, 0.9], case=["a", "b", "c"]))
+def test_lines_of_all_facets_lie_inside_the_axes_they_share() -> None:
+    shown = shown_grid(combinations(gain=[0.0, 0.5, 0.9], case=["a", "b", "c"]))
     banded = [
         replace(
             of,

@@ -11,13 +11,13 @@ from fraexp.figures.drawing import draw_figure, save_figure
 from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.elements.stamp import is_current, stamp_digest
 from tests.examples import some
-from tests.figures.conftest import LoopMaker, ResponseMaker
+from tests.figures.curves import make_loop, make_response
 
 STARTS = {".png": b"\x89PNG\r\n\x1a\n", ".svg": b"<?xml", ".pdf": b"%PDF"}
 
 
 @pytest.fixture
-def result(make_response: ResponseMaker) -> Result:
+def result() -> Result:
     return Result(Outcome.OK, response=make_response(np.geomspace(1, 200, 20), np.ones(20)))
 
 
@@ -52,7 +52,7 @@ def test_a_place_that_cannot_be_written_is_one_line(tmp_path: Path, result: Resu
         save_figure(draw_figure([ShownResult("a", result)]), tmp_path / "file/figure.png", [])
 
 
-def test_the_figure_fits_the_results(result: Result, make_loop: LoopMaker) -> None:
+def test_the_figure_fits_the_results(result: Result) -> None:
     driven = Result(Outcome.OK, curves=(make_loop(1e-5),))
     assert len(draw_figure([ShownResult("a", result)]).axes) == 2
     assert [axes.get_ylabel() for axes in draw_figure([ShownResult("a", driven)]).axes] == ["Friction force [N]"]
@@ -61,7 +61,7 @@ def test_the_figure_fits_the_results(result: Result, make_loop: LoopMaker) -> No
 
 
 @pytest.mark.parametrize("kind", ["", "bode", "errors", "amplitude_map", "levels", "hysteresis", "curves"])
-def test_what_has_nothing_to_draw_is_one_line(kind: str, make_response: ResponseMaker) -> None:
+def test_what_has_nothing_to_draw_is_one_line(kind: str) -> None:
     empty = Result(Outcome.DIVERGED, response=make_response([], []))
     with pytest.raises(FraexpError) as caught:
         draw_figure([ShownResult("a", empty, truth=np.empty(0), amplitude=1.0)] * 2, kind=kind)
@@ -69,7 +69,7 @@ def test_what_has_nothing_to_draw_is_one_line(kind: str, make_response: Response
 
 
 @pytest.mark.parametrize("kind", some(["errors", "amplitude_map", "levels", "bode"], "errors"))
-def test_points_where_nothing_moved_are_left_out(kind: str, make_response: ResponseMaker, tmp_path: Path) -> None:
+def test_points_where_nothing_moved_are_left_out(kind: str, tmp_path: Path) -> None:
     values = np.array([np.nan, -1e-3, -1e-4])
     response = make_response([1, 2, 3], values, settled=[False, True, True], deviation=[1e-6, 1e-6, 1e-2])
     plant = np.full(3, -1e-3 + 0j)
@@ -92,20 +92,15 @@ def test_any_name_can_be_drawn(name: str, result: Result, tmp_path: Path) -> Non
     assert all("\x1b" not in text and "\n" not in text for text in texts)
 
 
-def test_numbers_and_stamps_need_no_matplotlib() -> None:
+def test_numbers_and_stamps_need_no_matplotlib_and_drawing_no_display() -> None:
     code = (
         "import sys; from fraexp.figures.elements import stamp;"
         "from fraexp.figures.kinds import bode, difference, hysteresis_loops;"
-        "print('matplotlib' in sys.modules)"
+        "print('matplotlib' in sys.modules);"
+        "import fraexp.figures.drawing; print('matplotlib.pyplot' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
-
-
-def test_drawing_needs_no_pyplot_and_so_no_display() -> None:
-    code = "import sys, fraexp.figures.drawing; print('matplotlib.pyplot' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
+    assert done.stdout.split() == ["False", "False"]
 
 
 def test_drawing_leaves_no_trace_in_the_users_settings(result: Result, tmp_path: Path) -> None:

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.drawing import draw_figure
-from fraexp.figures.elements.grouping import MAX_FACETS, MAX_MAPS, CurvePlace, group_sweeps, point_indices
+from fraexp.figures.elements.grouping import MAX_FACETS, MAX_MAPS, group_sweeps, point_indices
 from fraexp.figures.elements.labels import MAX_GROUPS
 from fraexp.figures.elements.shown import ShownResult
-from tests.figures.conftest import ResponseMaker
+from tests.figures.curves import make_response
 
 UNITS = {"excitation.amplitude": "N"}
 
@@ -57,18 +57,6 @@ def test_random_draws_and_realisations_share_a_point() -> None:
     assert {place.sample for place in seeds} == {"realisation"}
 
 
-def test_many_groups_become_few_panels() -> None:
-    labels = grid(compensation__gain=[0.0, 0.5, 0.9, 1.0], amplitude=[12.0, 75.0], estimator=["a", "b"])
-    places = group_sweeps(labels)
-    assert list(dict.fromkeys(place.facet for place in places)) == [
-        "gain α = 0",
-        "gain α = 0.5",
-        "gain α = 0.9",
-        "gain α = 1",
-    ]
-    assert len({place.group for place in places}) == 4
-
-
 def test_an_amount_with_many_values_is_a_map() -> None:
     labels = grid(10, estimator=["a", "b", "c", "d"], excitation__amplitude=[float(2**n) for n in range(8)])
     places = group_sweeps(labels, UNITS)
@@ -77,12 +65,6 @@ def test_an_amount_with_many_values_is_a_map() -> None:
     assert {place.row for place in places} == {float(2**n) for n in range(8)}
     assert len({place.facet for place in places}) == 4 <= MAX_MAPS
     assert len(point_indices(places)) == 32
-
-
-def test_many_names_are_rows_of_a_map() -> None:
-    places = group_sweeps(grid(case=[f"case {n}" for n in range(30)]))
-    assert [place.row for place in places] == list(range(30))
-    assert {(place.axis, place.facet) for place in places} == {("", "")}
 
 
 def test_groups_merge_and_split_by_any_label() -> None:
@@ -128,7 +110,7 @@ def test_no_panel_is_a_tangle_and_no_sweep_is_lost(columns: list[list[int]], dra
         assert max(map(len, groups.values())) <= MAX_GROUPS
 
 
-def figure_of(make_response: ResponseMaker, labels: list[dict[str, object]]) -> object:
+def figure_of(labels: list[dict[str, object]]) -> object:
     frequency = np.geomspace(1, 200, 12)
     shown = [
         ShownResult(str(n), Result(Outcome.OK, response=make_response(frequency, -(1 + n) / frequency**2)), place)
@@ -137,22 +119,8 @@ def figure_of(make_response: ResponseMaker, labels: list[dict[str, object]]) -> 
     return draw_figure(shown, title="Grid")
 
 
-def test_facets_share_axes_colours_and_one_legend(make_response: ResponseMaker) -> None:
-    figure = figure_of(make_response, grid(gain=[0.0, 0.5, 0.9, 1.0], amplitude=[12.0, 75.0], estimator=["a", "b"]))
-    upper = [axes for axes in figure.axes if axes.get_title(loc="left")]
-    assert [axes.get_title(loc="left") for axes in upper] == [
-        "gain α = 0",
-        "gain α = 0.5",
-        "gain α = 0.9",
-        "gain α = 1",
-    ]
-    assert len({axes.get_ylim() for axes in upper}) == 1
-    assert len({tuple(line.get_color() for line in axes.lines) for axes in upper}) == 1
-    assert len(figure.legends[0].get_texts()) == 4
-
-
-def test_a_map_is_drawn_with_the_median_of_the_draws(make_response: ResponseMaker) -> None:
-    figure = figure_of(make_response, grid(3, excitation__amplitude=[float(n) for n in range(1, 10)]))
+def test_a_map_is_drawn_with_the_median_of_the_draws() -> None:
+    figure = figure_of(grid(3, excitation__amplitude=[float(n) for n in range(1, 10)]))
     upper = figure.axes[0]
     assert upper.get_ylabel() == "Amplitude [N]"
     magnitudes = np.asarray(upper.collections[0].get_array())
@@ -160,12 +128,8 @@ def test_a_map_is_drawn_with_the_median_of_the_draws(make_response: ResponseMake
     np.testing.assert_allclose(magnitudes[:, 0], middle, err_msg="the second of three draws in each row")
 
 
-def test_rows_with_names_read_from_the_top(make_response: ResponseMaker) -> None:
-    figure = figure_of(make_response, grid(case=[f"case {n}" for n in range(12)]))
+def test_rows_with_names_read_from_the_top() -> None:
+    figure = figure_of(grid(case=[f"case {n}" for n in range(12)]))
     upper = figure.axes[0]
     assert [text.get_text() for text in upper.get_yticklabels()] == [f"case {n}" for n in range(12)]
     assert upper.get_ylim()[0] > upper.get_ylim()[1]
-
-
-def test_the_place_of_a_result_alone_is_its_own() -> None:
-    assert not CurvePlace().is_mapped

@@ -5,17 +5,17 @@ from fraexp_plugins.identification._shared.friction_curves import virgin_curve
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
 from fraexp.figures.kinds.hysteresis_loops import draw_hysteresis, hysteresis_info
-from tests.figures.conftest import LoopMaker
+from tests.figures.curves import make_loop
 
 
-def test_similar_strokes_share_a_panel_in_micrometres(make_loop: LoopMaker) -> None:
+def test_similar_strokes_share_a_panel_in_micrometres() -> None:
     info = hysteresis_info([("10", make_loop(10e-6)), ("50", make_loop(50e-6))])
     assert [panel.unit for panel in info.panels] == ["µm"]
     assert info.panels[0].loops[0].displacement.max() == pytest.approx(10)
     assert info.panels[0].loops[0].force.max() == pytest.approx(1)
 
 
-def test_small_and_large_strokes_have_panels_of_their_own(make_loop: LoopMaker) -> None:
+def test_small_and_large_strokes_have_panels_of_their_own() -> None:
     strokes = [2.5e-3, 10e-6, 1e-3, 50e-6]
     info = hysteresis_info([(f"{stroke}", make_loop(stroke)) for stroke in strokes])
     assert [panel.unit for panel in info.panels] == ["µm", "mm"]
@@ -26,7 +26,7 @@ def test_small_and_large_strokes_have_panels_of_their_own(make_loop: LoopMaker) 
 
 
 @pytest.mark.parametrize("strokes", [[10e-6], [10e-6, 1e-3]])
-def test_a_long_title_is_not_cut_off(make_loop: LoopMaker, strokes: list[float]) -> None:
+def test_a_long_title_is_not_cut_off(strokes: list[float]) -> None:
     title = "Rolling friction of the paper's machine from thrust and scale, on a slow triangle, " * 2
     figure = draw_hysteresis(hysteresis_info([(f"{stroke}", make_loop(stroke)) for stroke in strokes], title))
     figure.draw_without_rendering()
@@ -50,7 +50,7 @@ def test_no_curves_are_refused() -> None:
         hysteresis_info([])
 
 
-def test_the_limits_of_a_virgin_curve_are_a_band(make_loop: LoopMaker) -> None:
+def test_the_limits_of_a_virgin_curve_are_a_band() -> None:
     x = np.linspace(0, 1e-4, 11)
     curve = virgin_curve(x, 17.9 * (1 - np.exp(-x / 2e-5)), np.linspace(0.1, 0.5, 11))
     figure = draw_hysteresis(hysteresis_info([("loop", make_loop(1e-4)), ("virgin", curve)]))

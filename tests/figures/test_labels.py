@@ -1,6 +1,6 @@
 from fraexp.components.registry import Registry
 from fraexp.figures.elements.label_units import label_units
-from fraexp.figures.elements.labels import curve_names, drawable, label_columns, label_text, label_texts
+from fraexp.figures.elements.labels import curve_names, drawable, label_text, label_texts
 
 
 def test_figures_show_names_as_words_and_symbols_as_they_are() -> None:
@@ -78,11 +78,6 @@ def test_equal_names_are_told_apart() -> None:
     assert curve_names([{"a.x": 1}, {"a.x": 1}], ["3f9c", "81aa"]) == ["x 1 (3f9c)", "x 1 (81aa)"]
 
 
-def test_titles_are_short_where_that_is_clear() -> None:
-    titles = label_columns([{"plant.gain": 1, "controller.gain": 2, "excitation.amplitude": 3, "estimator.name": 4}])
-    assert list(titles.values()) == ["plant.gain", "controller.gain", "amplitude", "estimator"]
-
-
 def test_components_of_one_name_are_told_apart_by_what_differs() -> None:
     rolling = {"name": "rolling", "coulomb": 17.9}
     found = [
@@ -106,7 +101,3 @@ def test_nested_components_of_one_name_are_told_apart_too() -> None:
         "proposed",
         "proposed (hold false, lags [0, ..., 19])",
     ]
-
-
-def test_equal_names_without_a_spare_stay_as_they_are() -> None:
-    assert curve_names([{"a.x": 1}, {"a.x": 1}], ["", ""]) == ["x 1", "x 1"]

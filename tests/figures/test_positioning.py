@@ -26,15 +26,8 @@ def motion(overshoot=0.0, thrust=True, wait=0):
     return Curve("positioning", columns, units)
 
 
-def shown(*curves, groups=None):
-    return [
-        ShownResult(
-            f"case {n}",
-            Result(Outcome.OK, curves=(curve,)),
-            CurvePlace(group=groups[n], point=groups[n], sample="draw") if groups else None,
-        )
-        for n, curve in enumerate(curves)
-    ]
+def shown(*curves):
+    return [ShownResult(f"case {n}", Result(Outcome.OK, curves=(curve,))) for n, curve in enumerate(curves)]
 
 
 def test_it_is_drawn_by_itself_where_there_are_such_curves():
@@ -66,13 +59,6 @@ def test_the_axis_shows_a_few_bands_and_is_logarithmic_where_that_is_not_enough(
 
 def test_without_thrust_there_is_one_panel():
     assert len(draw_figure(shown(motion(thrust=False))).axes) == 1
-
-
-def test_many_draws_are_bundles_by_their_case():
-    curves = [motion(1e-6 * n) for n in range(40)]
-    figure = draw_figure(shown(*curves, groups=["nominal"] * 20 + ["wrong"] * 20))
-    texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert texts == ["nominal, 20 draws", "wrong, 20 draws", "median", "5…95 %", "±4 µm"]
 
 
 def test_other_curves_are_none():

@@ -28,25 +28,11 @@ def test_a_delay_is_drawn_without_jumps() -> None:
     np.testing.assert_allclose(continuous_phase(wrapped, everywhere, true), true, atol=1e-9)
 
 
-@pytest.mark.parametrize("turns", [-2, -1, 0, 1, 2])
-@pytest.mark.parametrize("level", [0.0, 45.0, -90.0, -180.0, -260.0])
-def test_without_an_anchor_the_usual_branch_is_taken(turns: int, level: float) -> None:
-    phase = np.full(9, level + 360 * turns)
-    assert continuous_phase(phase, np.ones(9, dtype=bool)) == pytest.approx(level)
-
-
 def test_the_anchor_decides_steps_of_half_a_turn() -> None:
     # An undamped resonance with a little delay: -185° after 0° is also +175°.
     phase, anchor = np.array([-1.0, -2.0, 174.0, 173.0]), np.array([0.0, 0.0, -180.0, -180.0])
     everywhere = np.ones(4, dtype=bool)
     np.testing.assert_allclose(continuous_phase(phase, everywhere, anchor), [-1, -2, -186, -187])
-
-
-def test_a_stuck_table_lies_above_the_free_one() -> None:
-    # Friction as a spring: 0° against the free table's -180°, half a turn away over many points.
-    phase = np.concatenate([np.linspace(-2, -20, 30), np.linspace(-25, -178, 30)])
-    anchor = np.full(60, -180.0)
-    np.testing.assert_allclose(continuous_phase(phase, np.ones(60, dtype=bool), anchor), phase)
 
 
 def test_points_that_are_not_trusted_do_not_carry_the_branch_away() -> None:

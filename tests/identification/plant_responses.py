@@ -5,7 +5,7 @@ from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 
-from fraexp.data.results import FrequencyResponse
+from tests.responses import frequency_response
 
 TWO = Modal(
     rigid_body_gain=0.132, frequencies=(38.8, 81.2), damping_ratios=(0.03, 0.012), modal_gain_ratios=(0.342, 0.3)
@@ -50,18 +50,14 @@ def measured(plant=TWO, *, noise=0.01, known=False, dead_time=DEAD_TIME, frequen
     covariance = np.full((n, 2, 2), np.nan)
     if known:
         covariance = (noise * np.abs(truth))[:, None, None] ** 2 / 2 * np.eye(2)
-    return FrequencyResponse(
-        frequency=frequency,
-        response=truth * (1 + noise * error),
+    unknown = np.full(n, np.nan)
+    return frequency_response(
+        frequency,
+        truth * (1 + noise * error),
         covariance=covariance,
-        unit="m/N",
-        input="u",
-        output="y",
-        input_amplitude=np.ones(n),
         output_amplitude=np.abs(truth),
-        settled=np.ones(n, dtype=bool),
-        settling_time=np.full(n, np.nan),
-        residual=np.full(n, np.nan),
+        settling_time=unknown,
+        residual=unknown,
         harmonics=np.full((n, 6), np.nan),
     )
 

@@ -15,6 +15,7 @@ from fraexp.data.sweep import Sweep
 from fraexp.store import ComponentOrigin, Store
 from fraexp.store.backends.urls import locate_database
 from tests.postgresql import Server, running
+from tests.responses import frequency_response
 from tests.store.resealing import seal_database
 from tests.waiting import HANG_TIMEOUT_S
 
@@ -42,15 +43,11 @@ def _estimator() -> dict[str, Any]:
 
 def _response(points: int = 3) -> FrequencyResponse:
     frequency = np.linspace(1.0, 200.0, points)
-    return FrequencyResponse(
-        frequency=frequency,
-        response=np.exp(-1j * frequency) / frequency,
-        covariance=np.full((points, 2, 2), np.nan),
-        unit="m/N",
+    return frequency_response(
+        frequency,
+        np.exp(-1j * frequency) / frequency,
         input="u_e",
-        output="y",
         input_amplitude=12 / frequency,
-        output_amplitude=np.ones(points),
         settled=frequency > 2,
         settling_time=np.full(points, 0.25),
         residual=np.full(points, 1e-7),

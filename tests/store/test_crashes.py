@@ -184,14 +184,6 @@ def test_a_database_that_becomes_read_only_ends_a_run_and_the_next_goes_on(folde
     goes_on(folder, path)
 
 
-def test_a_folder_without_the_right_to_write_is_told_before_anything_is_computed(folder):
-    with immutable(folder):
-        ended = fraexp(folder, "run", "bulky")
-        assert ended.returncode == ExitCode.STORE
-        assert "the folder is read-only; choose a database in a folder of yours" in told(ended.stderr)
-    assert not (folder / "results.db").exists()
-
-
 def test_a_log_folder_without_the_right_to_write_is_told(folder):
     (folder / ".fraexp").touch()  # a file where the folder should be: nobody can write there
     ended = fraexp(folder, "run", "bulky", "--detach")
@@ -230,17 +222,6 @@ liveness.datetime = Jumping
 """
 
 
-def test_a_clock_that_jumps_to_and_fro_does_not_disturb_a_run(folder):
-    done = fraexp(folder, "run", "bulky", "--json", "--executor=processes:2", before=JUMPING)
-    assert done.returncode == ExitCode.OK, done.stderr
-    complete_once(folder / "results.db")
-    listed = fraexp(folder, "list", "--json", before=JUMPING)
-    run = json.loads(listed.stdout)["runs"][0]
-    assert (run["state"], run["computed"]) == ("complete", SWEEPS)
-    assert run["ended"] >= run["started"]
-    assert fraexp(folder, "list", before=JUMPING).returncode == ExitCode.OK
-
-
 def test_two_runs_whose_clock_jumps_compute_the_same_as_one_in_peace(folder):
     line = command("run", "bulky", "--executor=processes:1", before=JUMPING)
     pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
@@ -248,6 +229,9 @@ def test_two_runs_whose_clock_jumps_compute_the_same_as_one_in_peace(folder):
     for process in both:
         _, text = process.communicate(timeout=HANG_TIMEOUT_S)
         assert process.returncode == ExitCode.OK, text
+    for run in json.loads(fraexp(folder, "list", "--json", before=JUMPING).stdout)["runs"]:
+        assert run["state"] == "complete"
+        assert run["ended"] >= run["started"]
     assert fraexp(folder, "run", "bulky", "--db=peace.db").returncode == ExitCode.OK
     results = []
     for path in (folder / "results.db", folder / "peace.db"):
@@ -273,13 +257,11 @@ def mount(monkeypatch: pytest.MonkeyPatch, folder: Path, system: str) -> None:
     exec(mount_code(folder, system), {})  # one name space, where the lambda finds its names
 
 
-@pytest.mark.parametrize("system", ["nfs4", "cifs", "fuse.sshfs"])
-def test_on_a_network_file_system_a_run_says_so_and_writes_without_a_log(folder, system):
-    before = mount_code(folder, system)
-    done = fraexp(folder, "run", "bulky", "--executor=processes:1", before=before)
+def test_on_a_network_file_system_a_run_says_so_and_writes_without_a_log(folder):
+    done = fraexp(folder, "run", "bulky", "--executor=processes:1", before=mount_code(folder, "nfs4"))
     assert done.returncode == ExitCode.OK, done.stderr
     (line,) = [line for line in done.stderr.splitlines() if "network" in line]
-    assert f"results.db: it lies on a network file system ({system})" in line
+    assert "results.db: it lies on a network file system (nfs4)" in line
     assert "put it on a local disk with --db, or use a server" in line
     with closing(sqlite3.connect(folder / "results.db")) as connection:
         assert connection.execute("PRAGMA journal_mode").fetchone() == ("delete",)
@@ -290,7 +272,7 @@ def test_on_a_network_file_system_a_run_says_so_and_writes_without_a_log(folder,
 def test_a_database_that_moves_to_a_network_file_system_and_back_changes_its_way(store, path, monkeypatch, tmp_path):
     store.close()
     modes = []
-    for system in ("ext4", "nfs4", "ext4"):
+    for system in ("ext4", "nfs4", "ext4", "cifs", "fuse.sshfs"):
         mount(monkeypatch, tmp_path, system)
         with Store.open(str(path)) as writer:
             writer.begin_run("s", "f", "c", {}, [])
@@ -298,8 +280,8 @@ def test_a_database_that_moves_to_a_network_file_system_and_back_changes_its_way
                 reader.begin_run("s", "f", "c", {}, [])
         with closing(sqlite3.connect(path)) as connection:
             modes += connection.execute("PRAGMA journal_mode").fetchone()
-    assert modes == ["wal", "delete", "wal"]
-    assert len(Store.open(str(path)).runs()) == 3
+    assert modes == ["wal", "delete", "wal", "delete", "delete"]
+    assert len(Store.open(str(path)).runs()) == 5
 
 
 HALF_DONE = """

@@ -1,13 +1,9 @@
 """Who computes what: claims of several runs, and what ends them."""
 
-import subprocess
-import sys
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-
-from tests.waiting import HANG_TIMEOUT_S
 
 ROOT = Path(__file__).parents[2]
 CLAIMS = """
@@ -109,13 +105,3 @@ def test_two_processes_never_get_the_same_and_a_killed_one_leaves_all(store, url
         first.wait()
         run = store.begin_run("s", "f", "c", {}, [])
         assert store.claim(run, one | two) == one
-
-
-@pytest.mark.thorough
-def test_racing_processes_share_without_overlap(store, url):
-    code = CLAIMS.replace("sys.stdin.read()", "")
-    pipes = {"stdout": subprocess.PIPE, "stdin": subprocess.PIPE, "text": True}
-    racers = [subprocess.Popen([sys.executable, "-c", code, url], cwd=ROOT, **pipes) for _ in range(3)]
-    told = [racer.communicate(timeout=HANG_TIMEOUT_S)[0].split("\n") for racer in racers]
-    assert all(lines[0] == "ready" for lines in told)
-    assert set().union(*(lines[1].split() for lines in told)) == {row.key for row in store.page().rows}

@@ -10,22 +10,6 @@ import pytest
 
 from fraexp.errors import StoreError
 from fraexp.store import RunProgress, Store
-from tests.waiting import HANG_TIMEOUT_S
-
-WRITES = """
-import sys
-from fraexp.data.results import Outcome, Result
-from fraexp.store import Store
-from fraexp.data.sweep import Sweep
-grid = [Sweep({"source": "loop", "number": number}, {"name": "e"}) for number in range(200)]
-store = Store.open(sys.argv[1])
-run = store.begin_run("s", "f", "c", {}, grid)
-print("ready", flush=True)
-for point in grid:
-    store.save(run, [(point, Result(Outcome.OK), {})])
-store.end_run(run, "complete")
-sys.stdin.read()
-"""
 
 
 def test_tags_and_notes_come_back_and_go(store, begin, sweep):
@@ -114,16 +98,3 @@ def test_a_database_that_is_deleted_or_replaced_is_noticed(store, begin, path, w
         assert watcher.is_replaced()
         with pytest.raises(StoreError, match=f"the database has been {what}.* since it was opened; open it again"):
             watcher.page()
-
-
-@pytest.mark.thorough
-def test_tags_can_be_given_while_a_run_writes(store, begin, sweep, url, program):
-    begin([sweep()])
-    store.close()
-    with program(WRITES, url) as process, Store.open(url) as marker:
-        for number in range(50):
-            marker.tag([sweep().key], f"t{number}")
-        assert process.stdin is not None
-        process.stdin.close()
-        assert process.wait(HANG_TIMEOUT_S) == 0
-        assert (marker.run(2).state, marker.run(2).computed, len(marker.tags())) == ("complete", 200, 50)

@@ -112,13 +112,6 @@ def test_a_damaged_database_is_reported(store, path):
     refused(path, "the database is damaged .*; restore a copy", create=True)
 
 
-def test_a_damaged_database_whose_words_are_no_text_is_reported(store, path):
-    store.close()
-    path.write_bytes(path.read_bytes().replace(b"CREATE TABLE sweep", b"CREATE \xcd\xc6\xcd\xcd\xcd sweep"))
-    refused(path, "the database is damaged .*; restore a copy", create=True)
-    refused(path, "the database is damaged .*; restore a copy", read_only=True)
-
-
 def test_a_locked_database_is_reported_and_nothing_is_written(store, path, program, sweep, result):
     with program(HOLDS, path, "BEGIN IMMEDIATE"), Store.open(str(path), timeout=0.1) as hasty:
         with pytest.raises(StoreError, match=r"results.db: the database is locked by another process .*; wait until"):

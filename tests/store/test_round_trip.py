@@ -1,4 +1,3 @@
-import math
 from dataclasses import fields, is_dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -36,17 +35,6 @@ def test_a_result_comes_back_as_it_was(store, begin, sweep, result, origin):
     assert store.stored_states([sweep().key, "fx1-absent"]) == {
         sweep().key: StoredState(Outcome.OK, {name: item.source_hash for name, item in origin.items()}, 0.5)
     }
-
-
-def test_a_result_without_a_response_comes_back(store, begin, sweep):
-    run = begin([sweep()])
-    diverged = Result(
-        Outcome.DIVERGED, "the position exceeds 1 m after 0.2 s", metrics=(Metric("worst", math.nan, "m"),)
-    )
-    store.save(run, [(sweep(), diverged, {})])
-    found = store.result(sweep().key)
-    assert same(found, diverged)
-    assert found.response is None
 
 
 text = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=8)
@@ -110,14 +98,6 @@ def test_every_result_comes_back_and_replaces_the_one_before(shared, kept):
     assert same(shared.results([POINT.key])[POINT.key], kept)
 
 
-def test_nan_and_infinite_metrics_are_told_apart(store, begin, sweep):
-    run = begin([sweep()])
-    values = [math.nan, math.inf, -math.inf, 0.1, 5e-324]
-    metrics = tuple(Metric(f"m{position}", value, "1") for position, value in enumerate(values))
-    store.save(run, [(sweep(), Result(Outcome.OK, metrics=metrics), {})])
-    assert repr([item.value for item in store.result(sweep().key).metrics]) == repr(values)
-
-
 def test_a_sweep_and_its_run_come_back_as_they_were(store, begin, sweep, result, origin):
     grid = [sweep(1, amplitude="12 N"), sweep(0, amplitude="75 N")]
     run = begin(grid)
@@ -175,22 +155,3 @@ def test_text_that_no_encoding_holds_is_escaped(store, begin, sweep):
     store.fail(run, sweep().key, "no file 'a\udcff'", "log \0 end")
     assert store.sweeps(run)[0].message == r"no file 'a\udcff'"
     assert store.log(sweep().key) == r"log \x00 end"
-
-
-@pytest.mark.parametrize(
-    ("statement", "found"),
-    [
-        ("UPDATE frequency_response SET response = :bytes", "result damaged"),
-        ("UPDATE frequency_response SET covariance = :bytes", "result damaged"),
-        ("UPDATE curve_column SET samples = :bytes", "result damaged"),
-        ("UPDATE sweep SET outcome = 'ok'", "it cannot be read, or its parameters are damaged"),
-        ("UPDATE sweep SET elapsed = 7", "sweep and result damaged"),
-        ("DELETE FROM metric", "result damaged"),
-        ("DELETE FROM supplied_component", "sweep damaged"),
-    ],
-)
-def test_what_is_no_result_is_found(store, begin, sweep, result, origin, sql, statement, found):
-    store.save(begin([sweep()]), [(sweep(), result(), origin)])
-    assert store.health() == "sound"
-    sql(statement, **({"bytes": b"\0"} if ":bytes" in statement else {}))
-    assert f"; sweep {sweep().key[4:12]}: {found}; restore a copy" in store.health()

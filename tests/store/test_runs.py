@@ -78,10 +78,7 @@ def test_an_ended_run_says_how_and_when(store, begin):
 def test_a_point_that_stands_twice_in_a_grid_is_stored_once(store, begin, sweep, result):
     run = begin([sweep(0, a=1), sweep(0, a=2)])
     store.save(run, [(sweep(0), result(), {})])
-    assert [(item.labels, item.state) for item in store.sweeps(run)] == [
-        ({"a": 1}, "computed"),
-        ({"a": 2}, "computed"),
-    ]
+    assert [(item.labels, item.state) for item in store.sweeps(run)] == [({"a": 1}, "computed"), ({"a": 2}, "computed")]
 
 
 def test_a_run_whose_process_died_shows_as_interrupted(store, url, program):
@@ -99,15 +96,6 @@ def test_a_killed_process_that_nobody_waited_for_counts_as_dead(store, url, prog
         os.kill(process.pid, signal.SIGKILL)  # a zombie until it is waited for
         wait_until(lambda: store.run(1).state != "running")
         assert store.run(1).state == "interrupted"
-
-
-@pytest.mark.parametrize("column, value", [("process_start", 1), ("boot", "another"), ("pid", 2**22 + 1)])
-def test_another_process_with_the_same_number_is_not_mistaken_for_the_run(store, begin, sql, url, column, value):
-    run = begin([])
-    assert store.run(run).state == "running"
-    sql(f"UPDATE run SET {column} = :value", value=value)
-    reseal(url)
-    assert store.run(run).state == "interrupted"
 
 
 def test_a_run_on_another_host_lives_by_its_heartbeat(store, begin, sql, url, kind):

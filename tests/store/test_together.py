@@ -87,29 +87,6 @@ def test_readers_see_whole_batches_while_one_writes(store, begin, sweep, url):
     assert seen == {1: {0}, 2: {0}}
 
 
-def test_two_writers_wait_for_each_other(store, sweep, result, url):
-    errors: list[BaseException] = []
-
-    def write(first: int) -> None:
-        try:
-            with Store.open(url, timeout=HANG_TIMEOUT_S) as writer:
-                grid = [sweep(number) for number in range(first, first + 25)]
-                run = writer.begin_run("s", "f", "c", {}, grid)
-                for point in grid:
-                    writer.save(run, [(point, result(), {})])
-        except BaseException as error:
-            errors.append(error)
-
-    writers = [threading.Thread(target=write, args=(first,), daemon=True) for first in (0, 100)]
-    for writer in writers:
-        writer.start()
-    for writer in writers:
-        writer.join(HANG_TIMEOUT_S)
-        assert not writer.is_alive()
-    assert errors == []
-    assert [(run.computed, run.total) for run in store.runs()] == [(25, 25), (25, 25)]
-
-
 def test_heartbeats_from_a_thread_do_not_disturb_the_writer(store, begin, sweep, result):
     grid = [sweep(number) for number in range(40)]
     run = begin(grid)

@@ -9,6 +9,7 @@ import numpy as np
 from fraexp.data.results import Curve, FrequencyResponse, Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.store import Store
+from tests.responses import frequency_response
 
 RESONANCE = 40.0
 """Frequency [Hz] at which the response of `resonant` is greatest."""
@@ -18,21 +19,9 @@ def resonant(frequency: np.ndarray, unit: str = "m/N", at: float = RESONANCE) ->
     """Return the response of an oscillator with 1 % damping."""
     turning = frequency / at
     value = 1e-3 / (1 - turning**2 + 0.02j * turning)
-    count = len(frequency)
-    return FrequencyResponse(
-        frequency=frequency,
-        response=value,
-        covariance=np.eye(2) * (0.05 * np.abs(value))[:, None, None] ** 2,
-        unit=unit,
-        input="u",
-        output="y",
-        input_amplitude=np.ones(count),
-        output_amplitude=np.abs(value),
-        settled=np.ones(count, dtype=bool),
-        settling_time=np.ones(count),
-        residual=np.zeros(count),
-        harmonics=np.full((count, 6), 0.01 + 0j),
-    )
+    harmonics = np.full((len(frequency), 6), 0.01 + 0j)
+    covariance = np.eye(2) * (0.05 * np.abs(value))[:, None, None] ** 2
+    return frequency_response(frequency, value, covariance=covariance, unit=unit, harmonics=harmonics)
 
 
 def gap(response: FrequencyResponse, low: float, high: float) -> FrequencyResponse:
