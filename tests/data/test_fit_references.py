@@ -62,14 +62,6 @@ def test_a_fit_is_used_by_a_later_sweep_whatever_their_order_in_the_file(folder:
         assert store.run(2).reused == 2
 
 
-@pytest.mark.thorough
-def test_what_decides_the_fit_is_in_the_key_of_what_uses_it(folder: Path) -> None:
-    assert main(["run", written(folder)]) == 0
-    main(["run", written(folder, modes="1")])
-    with Store.open("results.db", read_only=True) as store:
-        assert store.sweeps(1)[0].key != store.sweeps(2)[0].key
-
-
 def test_a_fit_that_failed_fails_what_needs_it_with_the_reason(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -6,6 +6,7 @@ import pytest
 
 from fraexp.data.units import number, si
 from fraexp.errors import ParameterError
+from fraexp.records.quantities import si_unit
 
 
 @pytest.mark.parametrize(
@@ -45,9 +46,37 @@ def test_what_is_no_number_with_such_a_unit_is_refused(text):
         ("lb-in", 4.4482216152605 * 0.0254, "N*m"),
         ("ft lb", 4.4482216152605 * 0.3048, "N*m"),
         ("oz-in", 4.4482216152605 / 16 * 0.0254, "N*m"),
+        ("Nm", 1.0, "N*m"),
+        ("kNm", 1e3, "N*m"),
+        ("Ncm", 0.01, "N*m"),
+        ("Nmm", 1e-3, "N*m"),
+        ("µNm", 1e-6, "N*m"),
+        ("U/min", math.pi / 30, "rad/s"),
+        ("nm", 1e-9, "m"),
+        ("mN", 1e-3, "N"),
+        ("Arms", 1.0, "A"),
+        ("mArms", 1e-3, "A"),
+        ("A(p)", 1.0, "A"),
+        ("Vpk", 1.0, "V"),
+        ("Amps", 1.0, "A"),
+        ("Volts", 1.0, "V"),
+        ("Sec", 1.0, "s"),
+        ("Degrees", math.pi / 180, "rad"),
     ],
 )
-def test_units_of_rotary_axes_are_read_as_drives_write_them(unit, value, expected):
+def test_units_are_read_as_drives_write_them(unit, value, expected):
     factor, short = si(unit)
     assert short == expected
     assert factor == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize("written", ["1/min", "min-1", "min^-1", "rpm", "U/min"])
+def test_a_number_per_minute_is_a_rotary_speed(written):
+    assert si_unit(written, "") == (pytest.approx(math.pi / 30), "rad/s")
+
+
+@pytest.mark.parametrize("written", ["grad", "Grad", "grad/s", "GRAD"])
+def test_grad_is_asked_for_because_it_means_two_angles(written):
+    with pytest.raises(ParameterError, match=r"may be degrees, as in German, or gradians; give unit = deg or gon"):
+        si_unit(written, "a.csv, channel 'y'")
+    assert si_unit("gon", "")[0] == pytest.approx(math.pi / 200)

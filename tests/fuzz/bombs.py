@@ -1,9 +1,6 @@
-"""Databases to merge, files that inflate, and headers that claim more than there is."""
+"""Files that inflate, and headers that claim more than there is."""
 
-import contextlib
 import io
-import json
-import shutil
 import struct
 import zipfile
 import zlib
@@ -16,13 +13,11 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fraexp.cli.exits import ExitCode
 from fraexp.components.registry import Registry
 from fraexp.data.results import Outcome, Result
-from fraexp.errors import FraexpError
 from fraexp.figures.result_files import write_universal
 from fraexp.store.codec import NPY_MAGIC, decode_array
-from tests.cli.conftest import fill, response_of
+from tests.cli.conftest import response_of
 from tests.fuzz import files, mutation
 from tests.fuzz.watching import Target
 
@@ -34,58 +29,14 @@ DOUBLE_CLASS, DOUBLE_TYPE, INT8_TYPE, INT32_TYPE, UINT32_TYPE, MATRIX_TYPE, COMP
 
 
 def targets(folder: Path, registry: Registry) -> list[Target]:
-    """Return merging, and the readers of files that claim or inflate."""
-    fill(folder / "model.db")
-    for suffix in ("-wal", "-shm"):
-        (folder / f"model.db{suffix}").unlink(missing_ok=True)
-    with contextlib.suppress(FraexpError):
-        _merge(folder, folder / "model.db")  # what is imported once, and takes its time
-    database = (folder / "model.db").read_bytes()
+    """Return the readers of files that claim or inflate."""
     bombs = [zlib.compress(bytes(INFLATED_BYTES), 9)]
     return [
-        Target("merged rows", files.random_rows, partial(_merge_rows, folder), 0.0002),
-        Target("merged files", partial(_changed_bytes, database), partial(_merge_file, folder), 0.0005),
         Target("MATLAB claims", partial(_matlab, bombs), partial(_read, folder, registry, "claim.mat"), 0.002),
         Target("HDF5 claims", partial(_hdf5, folder), partial(_read, folder, registry, "claim.mat"), 0.001),
         Target("array claims", _array, decode_array, 0.02),
         Target("universal and zip", _others(folder), partial(_read_any, folder, registry), 0.003),
     ]
-
-
-def _changed_bytes(seed: bytes, rng: Random) -> bytes:
-    return mutation.octets(rng, seed, [seed])
-
-
-def _merge_rows(folder: Path, changes: Any) -> None:
-    file = folder / "rows.db"
-    shutil.copyfile(folder / "model.db", file)
-    files.change_rows(file, changes)
-    _merge(folder, file)
-
-
-def _merge_file(folder: Path, data: bytes) -> None:
-    file = folder / "bytes.db"
-    file.write_bytes(data)
-    _merge(folder, file)
-
-
-def _merge(folder: Path, file: Path) -> None:
-    """Merge a hostile database into a new one; all that is read is counted, and the new one is sound."""
-    target = folder / "merged.db"
-    for suffix in ("", "-wal", "-shm"):
-        (folder / f"merged.db{suffix}").unlink(missing_ok=True)
-        if suffix:
-            Path(f"{file}{suffix}").unlink(missing_ok=True)
-    code, text = files.command(["merge", str(file), "--db", str(target), "--workspace", str(folder), "--json"])
-    if code == ExitCode.INTERNAL:
-        raise AssertionError(text.splitlines()[-1][:120])
-    if code not in (ExitCode.OK, ExitCode.INCOMPLETE):
-        raise FraexpError("refused")
-    merged = json.loads(text[text.index("{") : text.rindex("}") + 1])
-    sweeps = merged["added"] + merged["there"] + len(merged["conflicts"]) + len(merged["damaged"])
-    runs = merged["runs"] + merged["known_runs"] + len(merged["run_conflicts"]) + len(merged["damaged_runs"])
-    if (sweeps, runs) != (merged["read"], merged["read_runs"]):
-        raise AssertionError(f"the counts of a merge do not add up: {sweeps} of {merged['read']} sweeps")
 
 
 def _element(kind: int, data: bytes, size: int | None = None) -> bytes:

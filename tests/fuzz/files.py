@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 import shutil
 import sqlite3
 from collections.abc import Callable, Sequence
@@ -22,11 +23,13 @@ from fraexp.records.contents import list_contents
 from fraexp.records.proposals import propose_import
 from fraexp.records.source import find_reader
 from fraexp.store.codec import decode_array, encode_array
+from fraexp.store.tables import metadata
 from fraexp.store.validation import parse_json
 from tests.cli.conftest import fill
 from tests.fuzz import mutation
 from tests.fuzz.targets import CSV
 from tests.fuzz.watching import Target
+from tests.records.corpus import LAYOUTS
 from tests.store.conftest import reseal
 
 TABLES = (
@@ -41,46 +44,21 @@ LIKELY = 7
 """Refusals of a file in which some of the columns are there."""
 SUFFIXES = (".csv", ".json", ".mat", ".h5", ".unv")
 ESCAPE = "\x1b"
-COMMANDS = (
-    ["list"],
-    ["list", "--json"],
-    ["show", "1"],
-    ["show", "1", "--json"],
-    ["compare", "1"],
-    ["list", "state=computed"],
-    ["list", "laser"],
-)
-ODD = (
-    None,
-    0,
-    -1,
-    2**62,
-    10**9,
-    1.5,
-    float("inf"),
-    "",
-    "x",
-    ESCAPE + "[2J" + ESCAPE + "]0;t\x07",
-    "\u202egnp",
-    "[" * 3000,
+COMMANDS = [words.split() for words in (
+    "list", "list --json", "show 1", "show 1 --json", "compare 1", "list state=computed", "list laser",
+)]  # fmt: skip
+STORED = (
     "null",
     '{"a": NaN, "b": Infinity}',
     "[1,2]",
     '{"\\u001b[31m": "\\u001b[0m"}',
-    '"text"',
-    '{"a":' * 60 + "1" + "}" * 60,
-    b"",
-    b"\xff\xfe",
-    b"\x93NUMPY\x01\x00",
-    "1" * 4000,
-    '{"x": ' + "1" * 400 + "}",
     "2026-13-45",
     "OK",
     "FAILED",
     "complete",
-    "../../x",
-    "9" * 30,
 )
+"""Texts that columns of a database contain, or nearly."""
+ODD = (*mutation.HOSTILE, *mutation.NUMBERS, *STORED, None, 0, -1, 2**62, 10**9, 1.5, float("inf"))
 
 
 def targets(folder: Path, registry: Registry) -> list[Target]:
@@ -100,11 +78,38 @@ def targets(folder: Path, registry: Registry) -> list[Target]:
         Target("CSV as bytes", _octets(tables), partial(read_file, folder, registry, "b.csv"), 0.003),
         Target("MATLAB 4 to 7", _octets(classic), partial(read_file, folder, registry, "b.mat"), 0.004),
         Target("MATLAB 7.3", _octets(hdf5), partial(read_file, folder, registry, "c.mat"), 0.001),
+        Target(
+            "instruments' files", partial(_damaged, _instruments(folder)), partial(_read_any, folder, registry), 0.02
+        ),
         Target("stored arrays", _octets(arrays), decode_array, 0.1),
         Target("stored JSON", _json, _plain_data, 0.1),
         Target("database rows", random_rows, partial(_database, folder), 0.0002),
         Target("database files", _octets([(folder / "model.db").read_bytes()]), partial(_file, folder), 0.0002),
     ]
+
+
+def _instruments(folder: Path) -> list[tuple[str, bytes]]:
+    """Return the files of the corpus of records, by name."""
+    seeds = []
+    for layout in LAYOUTS.values():
+        with contextlib.suppress(ImportError):  # a format whose library is not installed
+            layout.write(folder)
+            seeds += [(name, (folder / name).read_bytes()) for name in layout.files]
+    return seeds
+
+
+def _damaged(seeds: Sequence[tuple[str, bytes]], rng: Random) -> tuple[str, bytes]:
+    name, data = rng.choice(seeds)
+    return name, mutation.octets(rng, data, [data])
+
+
+def _read_any(folder: Path, registry: Registry, made: tuple[str, bytes]) -> None:
+    """List a file, propose its import, and read its first column."""
+    file = folder / made[0]
+    file.write_bytes(made[1])
+    found = list_contents(file, registry)
+    propose_import(file, found, registry)
+    find_reader("", file, registry).read(file, [found[0].name])
 
 
 def _texts(seeds: Sequence[str]) -> Callable[[Random], str]:
@@ -171,67 +176,14 @@ def random_rows(rng: Random) -> list[tuple[str, str, Any]]:
     changes = []
     for _ in range(1 + int(rng.expovariate(1))):
         table = rng.choice(list(COLUMNS))
-        value = rng.choice(ODD)
-        if isinstance(value, bytes) or rng.random() < 0.1:
+        value: Any = rng.choice(ODD)
+        if rng.random() < 0.2:
             value = mutation.octets(rng, encode_array(np.arange(40.0), ""), [encode_array(np.zeros((3, 2)), "")])
         changes.append((table, rng.choice(COLUMNS[table]), value))
     return changes
 
 
-COLUMNS = {
-    "run": (
-        "study",
-        "study_file",
-        "command",
-        "state",
-        "started",
-        "ended",
-        "heartbeat",
-        "host",
-        "pid",
-        "process_start",
-        "provenance",
-        "progress",
-    ),
-    "sweep": (
-        "key",
-        "outcome",
-        "message",
-        "elapsed",
-        "numerics",
-        "created",
-        "source",
-        "plant_name",
-        "estimator_name",
-        "rest_part",
-        "record_part",
-        "estimator_part",
-    ),
-    "part": ("section", "content", "lists", "number"),
-    "run_sweep": ("labels", "state", "message", "log", "standing", "position", "run"),
-    "frequency_response": (
-        "unit",
-        "input",
-        "output",
-        "points",
-        "frequency",
-        "response",
-        "covariance",
-        "input_amplitude",
-        "settled",
-        "residual",
-        "harmonics",
-        "freedom",
-        "coherence",
-        "model_covariance",
-    ),
-    "metric": ("name", "value", "unit", "position"),
-    "curve": ("name", "position"),
-    "curve_column": ("name", "unit", "samples", "position"),
-    "supplied_component": ("kind", "name", "version", "source_hash", "distribution"),
-    "field": ("kind", "name"),
-    "fraexp_schema": ("number",),
-}
+COLUMNS = {table.name: [column.name for column in table.columns] for table in metadata.sorted_tables}
 
 
 def _database(folder: Path, changes: Sequence[tuple[str, str, Any]], plot: bool = False) -> None:
@@ -280,8 +232,26 @@ def _shown(folder: Path, file: Path, plot: bool = False) -> None:
             raise AssertionError(text.splitlines()[-1][:120])
         if ESCAPE in text or "\u202e" in text:
             raise AssertionError("escape codes are let through")
+    _merge(folder, file)
     if any(code for code, _ in codes):
         raise FraexpError("refused")
+
+
+def _merge(folder: Path, file: Path) -> None:
+    """Merge a hostile database into a new one; all that is read is counted, and the new one is sound."""
+    target = folder / "merged.db"
+    for suffix in ("", "-wal", "-shm"):
+        (folder / f"merged.db{suffix}").unlink(missing_ok=True)
+    code, text = command(["merge", str(file), "--db", str(target), "--workspace", str(folder), "--json"])
+    if code == ExitCode.INTERNAL:
+        raise AssertionError(text.splitlines()[-1][:120])
+    if code not in (ExitCode.OK, ExitCode.INCOMPLETE):
+        return
+    merged = json.loads(text[text.index("{") : text.rindex("}") + 1])
+    sweeps = merged["added"] + merged["there"] + len(merged["conflicts"]) + len(merged["damaged"])
+    runs = merged["runs"] + merged["known_runs"] + len(merged["run_conflicts"]) + len(merged["damaged_runs"])
+    if (sweeps, runs) != (merged["read"], merged["read_runs"]):
+        raise AssertionError(f"the counts of a merge do not add up: {sweeps} of {merged['read']} sweeps")
 
 
 def command(words: list[str]) -> tuple[int, str]:

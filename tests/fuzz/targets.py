@@ -36,45 +36,21 @@ from tests.fuzz.watching import Target
 FEW = 60
 """Sweeps of a study here: what a point of a grid leads to is looked at, and as many are refused as usual."""
 UNITS = (
-    "1 mm",
-    "0.1 um",
-    "12 N",
-    "3 N/um",
-    "1.5 rad/s",
-    "2 m/s**2",
-    "5 kg*m^2/s^2",
-    "90 deg",
-    "1",
-    "1e-3 V",
-    "2 (m/s)**2",
-    "3 m²",
-    "4 N*m",
-    "5 s⁻¹",
-    "6 inch squared",
-    "7 per s",
-    "8 m/(s*K)",
-    "9 m**0.5",
-)
+    "1 mm", "0.1 um", "12 N", "3 N/um", "1.5 rad/s", "2 m/s**2", "5 kg*m^2/s^2", "90 deg", "1", "1e-3 V",
+    "2 (m/s)**2", "3 m²", "4 N*m", "5 s⁻¹", "6 inch squared", "7 per s", "8 m/(s*K)", "9 m**0.5",
+)  # fmt: skip
+UNIT_WORDS = ("m", "um", "**", "^", "squared", "cubed", "²", "(", ")", "/", "per")
 CHANNELS = (
-    "iq [A]",
-    "volts * 31.5 [N]",
-    "(volts - 2.5) * 31.5 + 4 [N]",
-    "(a - b) / 2 [um]",
-    "counts / 4096 + 0.5",
-    "y",
-    "data.y.3",
-    "force(:,:,1,2) [N]",
-    "x{level} [mm]",
-)
+    "iq [A]", "volts * 31.5 [N]", "(volts - 2.5) * 31.5 + 4 [N]", "(a - b) / 2 [um]", "counts / 4096 + 0.5", "y",
+    "data.y.3", "force(:,:,1,2) [N]", "x{level} [mm]",
+)  # fmt: skip
 FILTERS = (
     "estimator=effective_input excitation.amplitude>=12 -tag:baseline",
     '"two words" state!=failed',
     "metric.gain<0.1um run=1",
     "created:today note:'x'",
     'study:"a\\"b" elapsed>1',
-    "created=2026-03-31T12:00",
-    "-outcome:ok key:fx1",
-    "plant.gain=1e-3",
+    "created=2026-03-31T12:00 -outcome:ok key:fx1 plant.gain=1e-3",
 )
 SETTINGS = (
     'theme = "nord"\nascii = true\nphase = "wrapped"\n[keys]\nmark = "space,m"\n',
@@ -108,60 +84,19 @@ COMMAND_LINES = (
 CSV = "t [s],u [N],y [mm],level\n" + "".join(
     f"{k / 100},{k % 10 - 4.5},{(k % 10) ** 2},{k // 50 + 1}\n" for k in range(100)
 )
+SECTION: dict[str, Any] = {"file": "a.csv", "channels": {"u": "u", "y": "y"}}
+PERIODIC = SECTION | {"samples_per_period": 10}
 RECORDS: tuple[dict[str, Any], ...] = (
-    {
-        "file": "a.csv",
-        "channels": {"u": "u", "y": {"column": "y", "scale": -1.0}},
-        "samples_per_period": 10,
-        "time_column": "t",
-    },
-    {
-        "file": ["a.csv"],
-        "channels": {"u": "u * 2 [N]", "y": "y"},
-        "sample_rate": 100.0,
-        "period_time": "0.1 s",
-        "skip_periods": 1,
-    },
-    {
-        "file": "a.csv",
-        "channels": {"u": "u", "y": "y"},
-        "time_column": "t",
-        "steps": [{"start": 0.0, "stop": 1.0, "frequency": 10}],
-    },
-    {
-        "file": "a.csv",
-        "channels": {"u": "u", "y": "y"},
-        "periodic": False,
-        "min_frequency": 5.0,
-        "max_frequency": 20.0,
-        "harmonic_step": 2,
-    },
-    {
-        "file": "a.csv",
-        "channels": {"u": "u", "y": "y"},
-        "samples_per_period": 10,
-        "segment_column": "level",
-        "harmonics": [1, 2, 3],
-    },
-    {
-        "file": "a.csv",
-        "channels": {"u": "u", "y": "y"},
-        "samples_per_period": 10,
-        "select": "level = {level}",
-        "level": 1,
-        "periods_per_realisation": 2,
-    },
+    PERIODIC | {"channels": {"u": "u", "y": {"column": "y", "scale": -1.0}}, "time_column": "t"},
+    SECTION | {"file": ["a.csv"], "sample_rate": 100.0, "period_time": "0.1 s", "skip_periods": 1},
+    SECTION | {"time_column": "t", "steps": [{"start": 0.0, "stop": 1.0, "frequency": 10}]},
+    SECTION | {"periodic": False, "min_frequency": 5.0, "max_frequency": 20.0, "harmonic_step": 2},
+    PERIODIC | {"segment_column": "level", "harmonics": [1, 2, 3]},
+    PERIODIC | {"select": "level = {level}", "level": 1, "periods_per_realisation": 2},
 )
+PUBLISHED = {"what": "k0", "value": 177.0, "unit": "mm/(N*s^2)", "tolerance": "1 %", "metric": "k0", "origin": "input"}
 PRINTED: tuple[dict[str, Any], ...] = (
-    {
-        "what": "k0",
-        "value": 177.0,
-        "unit": "mm/(N*s^2)",
-        "tolerance": "1 %",
-        "metric": "k0",
-        "where": {"case": "a"},
-        "origin": "input",
-    },
+    PUBLISHED | {"where": {"case": "a"}},
     {"what": "f1", "value": 41.9, "unit": "Hz", "compare": "above", "metric": "f1"},
 )
 RANDOM: tuple[dict[str, Any], ...] = (
@@ -178,22 +113,10 @@ def targets(folder: Path, registry: Registry) -> list[Target]:
     texts = [of for of, _ in studies]
     data = [of for _, of in studies]
     return [
-        Target(
-            "units", _texts(UNITS, ("m", "um", "**", "^", "squared", "cubed", "²", "(", ")", "/", "per")), _unit, 0.06
-        ),
-        Target(
-            "channel expressions",
-            _texts(CHANNELS, ("*", "/", "+", "-", "[", "]", "(", ")", " ", "{level}")),
-            _channel,
-            0.26,
-        ),
-        Target("filters", _texts(FILTERS, (*names[:40], ":", ">=", "-", '"', "\\", "today", "1um")), _filter, 0.13),
-        Target(
-            "settings",
-            _texts(SETTINGS, ("keys", "theme", "phase", "ascii", "true", "=")),
-            partial(_settings, folder),
-            0.05,
-        ),
+        Target("units", _texts(UNITS, UNIT_WORDS), _unit, 0.06),
+        Target("channel expressions", _texts(CHANNELS, (*"*/+-[]() ", "{level}")), _channel, 0.26),
+        Target("filters", _texts(FILTERS, (*names[:40], *':-"\\', ">=", "today", "1um")), _filter, 0.13),
+        Target("settings", _texts(SETTINGS, ("keys", "theme", "ascii", "=")), partial(_settings, folder), 0.05),
         Target("--set and forms", _texts(OVERRIDES, names), _override, 0.2),
         Target("studies as text", _texts(texts, names), partial(_study_text, folder, registry), 0.012),
         Target("studies as data", _plain(data, names), partial(_study, folder, registry), 0.012),
@@ -225,18 +148,9 @@ def _names(studies: Sequence[tuple[str, dict[str, Any]]], registry: Registry) ->
     found |= {name for _, name in registry.providers}
     found |= {name for provider in registry.providers.values() for name in provider.component.model_fields}
     found |= {
-        "grid",
-        "case",
-        "monte_carlo",
-        "published",
-        "limits",
-        "compensation",
-        "record",
-        "label",
-        "fit",
-        "preset",
+        "grid", "case", "monte_carlo", "published", "limits", "compensation", "record", "label", "fit", "preset",
         "version",
-    }
+    }  # fmt: skip
     return sorted(found)
 
 

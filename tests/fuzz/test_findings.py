@@ -1,6 +1,7 @@
 """What hostile inputs have found: each was a traceback, a hang, a crash, or memory without end."""
 
 import contextlib
+import itertools
 import struct
 import time
 import zlib
@@ -19,7 +20,6 @@ from fraexp.cli.main import main
 from fraexp.components.registry import Registry
 from fraexp.data import toml, units
 from fraexp.errors import FraexpError, ParameterError, RecordError, StoreError, StudyError
-from fraexp.records import RecordSettings, resolve
 from fraexp.records.channels import parse_channel
 from fraexp.records.contents import list_contents
 from fraexp.records.source import find_reader
@@ -42,20 +42,7 @@ def soon() -> object:
     assert time.process_time() - started < SOON
 
 
-TOWERS = (
-    "9**9**9**9",
-    "9**9 **9",
-    "(9**9)**9**9",
-    "((9**9)**9)**9",
-    "9⁹⁹⁹⁹⁹⁹⁹⁹",
-    "9 cubed cubed cubed cubed",
-    "9**9_999_999_999",
-    "9**(9**9)",
-    "m" * 100_000,
-    "a_" * 200_000,
-    "(" * 10_000,
-    "9^9^9^9",
-)
+TOWERS = ("9**9**9**9", "((9**9)**9)**9", "9⁹⁹⁹⁹⁹⁹⁹⁹", "9**9_999_999_999", "m" * 100_000, "(" * 10_000)
 
 
 @pytest.mark.parametrize("text", TOWERS, ids=lambda text: text[:12])
@@ -76,18 +63,7 @@ def test_a_long_channel_is_refused(text: str) -> None:
         parse_channel(text, "channels.u")
 
 
-def test_a_channel_divided_by_infinity_is_refused() -> None:
-    with pytest.raises(ParameterError, match="divides by inf"):
-        parse_channel("(a - b) / 1e400", "channels.u")
-
-
-DEEP = {
-    "lists": "[" * 10_000 + "1" + "]" * 10_000,
-    "tables": "{a=" * 5000,
-    "long number": "1" * 5000,
-    "hexadecimal": "0x" + "f" * 5000,
-    "65 bits": str(2**64),
-}
+DEEP = {"lists": "[" * 10_000 + "1" + "]" * 10_000, "long number": "1" * 5000, "65 bits": str(2**64)}
 
 
 @pytest.mark.parametrize("text", DEEP.values(), ids=DEEP)
@@ -157,26 +133,6 @@ def test_absurd_sizes_are_refused_with_the_number(text: str, message: str, tmp_p
         load("a", tmp_path / "a.toml", tmp_path, registry)
 
 
-RECORD = {"file": "a.csv", "channels": {"u": "u [N]", "y": "y [m]"}, "sample_rate": 100.0}
-RECORDS = {
-    "huge period": ({"samples_per_period": 10**400}, "samples_per_period is"),
-    "tiny period": ({"period_time": 5e-324}, "a period of .* samples; expected 2 to"),
-    "far lines": ({"periodic": False, "min_frequency": 1e308}, "reach 1e\\+308 Hz; expected 50 Hz at most"),
-    "no time": ({"samples_per_period": 10, "time_column": ""}, "column is empty"),
-    "no segment": ({"samples_per_period": 10, "segment_column": ""}, "column is empty"),
-    "long name": ({"file": "x" * 5000, "samples_per_period": 10}, "File name too long"),
-}
-
-
-@pytest.mark.parametrize(("change", "message"), RECORDS.values(), ids=RECORDS)
-def test_absurd_records_are_refused(
-    change: dict[str, object], message: str, tmp_path: Path, registry: Registry
-) -> None:
-    (tmp_path / "a.csv").write_text("u,y\n" + "1,2\n2,1\n" * 50)
-    with pytest.raises(FraexpError, match=message):
-        resolve(RecordSettings.parse({**RECORD, **change}, "record"), tmp_path, registry)
-
-
 def read_file(path: Path, registry: Registry, column: str) -> np.ndarray:
     return find_reader("", path, registry).read(path, [column]).columns[column]
 
@@ -211,10 +167,9 @@ def one_byte(place: int, value: int) -> Callable[[bytearray], None]:
     return lambda data: data.__setitem__(place, value)
 
 
-@pytest.mark.parametrize("place", range(128, 220))
-def test_no_damaged_matlab_file_crashes(place: int, tmp_path: Path, registry: Registry) -> None:
+def test_no_damaged_matlab_file_crashes(tmp_path: Path, registry: Registry) -> None:
     """scipy's reader ends the process for some of these."""
-    for value in (0, 9, 63, 255):
+    for place, value in itertools.product(range(128, 220), (0, 9, 255)):
         path = matlab(tmp_path / "a.mat", one_byte(place, value))
         with contextlib.suppress(RecordError):
             assert read_file(path, registry, "t").size <= 40

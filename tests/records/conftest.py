@@ -7,14 +7,9 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from fraexp.components.registry import Registry, discover
+from fraexp.components.registry import Registry
 from fraexp.data.signals import Signals
 from fraexp.records import RecordSettings, load, resolve
-
-
-@pytest.fixture(scope="session")
-def registry() -> Registry:
-    return discover()
 
 
 class Bench:

@@ -1,16 +1,24 @@
-"""Files as instruments, drives and programs write them, each with the command that imports it and the true response."""
+"""Files as instruments, drives and programs write them, of one machine whose response is known."""
 
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from base64 import b85encode
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 
+from tests.records.strangers import write_hdf5
+
 RATE_HZ, PERIOD, PERIODS = 1000.0, 250, 4
 LINES = np.arange(2, 60, 3)
-SINUMERIK_ALPHABET = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ!#$`()*+-/:;=?@[]^_{|}~"
+SINUMERIK = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ!#$`()*+-/:;=?@[]^_{|}~"
+STANDARD = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%&()*+-;<=>?@^_`{|}~"
+TO_STANDARD, TO_SINUMERIK = str.maketrans(SINUMERIK, STANDARD), str.maketrans(STANDARD, SINUMERIK)
+"""Base 85 of the control, and of the standard library."""
 
 
 def plant(frequency: np.ndarray) -> np.ndarray:
@@ -30,26 +38,26 @@ def signals(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 TIME = np.arange(PERIOD * PERIODS) / RATE_HZ
 FORCE, POSITION = signals(TIME)
 FREQUENCY = np.geomspace(2, 200, 40)
+RESPONSE = 1e6 * plant(FREQUENCY)
+MAGNITUDE_DB, PHASE_DEG = 20 * np.log10(np.abs(RESPONSE)), np.degrees(np.angle(RESPONSE))
+"""Of the response [um/N]."""
 
 
 @dataclass(frozen=True)
 class Layout:
     """A file of one layout."""
 
-    kind: str
-    """What writes such files."""
     files: Sequence[str]
     write: Callable[[Path], None]
-    options: Sequence[str]
-    """Options of the command that gives the response."""
-    proposed: Sequence[str] = ()
+    proposed: Sequence[str]
     """What the listing proposes."""
     needs: str = ""
     """What the listing says it needs, if the file does not contain it."""
+    options: Sequence[str] = ()
+    """Options of the command that gives the response, where the proposal does not."""
     tolerance: float = 1e-4
     extra: str = ""
     """Package that the reader needs."""
-    more: dict[str, object] = field(default_factory=dict)
 
 
 def lines_of(format_: str, *columns: np.ndarray, separator: str = ",", comma: bool = False, end: str = "") -> str:
@@ -58,16 +66,41 @@ def lines_of(format_: str, *columns: np.ndarray, separator: str = ",", comma: bo
     return text.replace(".", ",") if comma else text
 
 
+def filled(template: str) -> str:
+    """Return a line per sample with number k, time t [s], nanoseconds ns, date m, force u [N] and position y [um]."""
+    start = datetime(2024, 3, 4, 11, 59, 59, 500_000)  # the record passes noon
+    return "".join(
+        template.format(
+            k=k, t=t, ns=1_709_547_133_000_000_000 + 1_000_000 * k, m=start + timedelta(milliseconds=k), u=u, y=y
+        )
+        for k, (t, u, y) in enumerate(zip(TIME, FORCE, POSITION, strict=True))
+    )
+
+
 def text_file(name: str, head: str, body: str, encoding: str = "utf-8") -> Callable[[Path], None]:
     def write(folder: Path) -> None:
-        (folder / name).write_text(head + body, encoding=encoding)
+        (folder / name).write_bytes((head + body).encode(encoding))
 
     return write
 
 
+def text(head: str, body: str, *proposed: str, encoding: str = "utf-8", **more: Any) -> Layout:
+    """Return the layout of a text file."""
+    return Layout(["a.csv"], text_file("a.csv", head, body, encoding), proposed, **more)
+
+
+def named(u: str, y: str, *more: str) -> list[str]:
+    """Return the options that import two columns with 250 samples per period."""
+    return ["--channel", f"u={u}", "--channel", f"y={y}", *more, "--samples-per-period", "250"]
+
+
+def response(frequency: str, **parts: str) -> list[str]:
+    """Return the options that import a response [um/N]."""
+    columns = {"frequency": frequency, **parts}
+    return [*(word for name, column in columns.items() for word in ("--channel", f"{name}={column}")), "--unit", "um/N"]
+
+
 COLUMNS = lines_of("%.10g", TIME, FORCE, POSITION)
-FORCE_AND_POSITION = ["--channel", "u=force", "--channel", "y=position"]
-PERIODIC = ["--samples-per-period", "250"]
 PROPOSED = ("--channel u=force", "--channel y=position", "--samples-per-period 250")
 
 
@@ -82,19 +115,15 @@ def padded_side_by_side(folder: Path) -> None:
     (folder / "a.csv").write_text("t1 [s];force [N];t2 [s];position [um]\n" + "\n".join(rows) + "\n", encoding="utf-8")
 
 
-def rate_in_a_column(folder: Path) -> None:
-    rows = [
-        f"{u:.10g},{y:.10g},{'1000' if k == 0 else ''}" for k, (u, y) in enumerate(zip(FORCE, POSITION, strict=True))
-    ]
-    (folder / "a.csv").write_text("force [N],position [um],fs\n" + "\n".join(rows) + "\n", encoding="utf-8")
-
-
-def text_and_flags(folder: Path) -> None:
-    rows = [
-        f"{t:.10g},RUN,{u:.10g},{y:.10g},{k % 2},ok"
-        for k, (t, u, y) in enumerate(zip(TIME, FORCE, POSITION, strict=True))
-    ]
-    (folder / "a.csv").write_text("time [s],mode,force [N],position [um],enabled,remark\n" + "\n".join(rows) + "\n")
+def settings_beside_samples(folder: Path) -> None:
+    """An oscilloscope that writes its settings into the first columns of the first rows, and no headings."""
+    settings = (
+        "Record Length,1.000000e+03", "Sample Interval,1.000000e-03", "Trigger Point,5.0e+02", ",", ",", "Source,CH1",
+        "Vertical Units,V", "Vertical Scale,5.0", "Horizontal Units,s", "Horizontal Scale,2.5e-4", "Probe Atten,1",
+    )  # fmt: skip
+    lines = filled(",,{t:.10g},{u:.10g},{y:.10g},\n").splitlines()
+    text = [(settings[k] if k < len(settings) else ",") + line for k, line in enumerate(lines)]
+    (folder / "a.csv").write_text("\n".join(text) + "\n", encoding="utf-8")
 
 
 def jittered(folder: Path) -> None:
@@ -103,38 +132,39 @@ def jittered(folder: Path) -> None:
     text_file("a.csv", "time [s],force [N],position [um]\n", lines_of("%.10g", time, *signals(time)))(folder)
 
 
-def scope(separator: str, second_step: float = 1.0, comma: bool = False) -> Callable[[Path], None]:
-    """Return a writer of a TwinCAT Scope export with a time for each channel."""
+def twincat_export(
+    channels: Mapping[str, tuple[str, float, Sequence[float] | np.ndarray]],
+    delimiter: str = "\t", shared: bool = False, point: str = ".", end: bool = True, quoted: bool = False,
+) -> str:  # fmt: skip
+    """Return an export of TwinCAT 3 Scope, of channels: unit, step [ms], values; those of 1 ms may share a time."""
+    columns = []
+    for number, (name, (unit, step, values)) in enumerate(channels.items()):
+        if not shared or number == 0 or step != 1.0:
+            columns.append(["Name", "SampleTime[ms]", "Unit", [f"{k * step:.10g}" for k in range(len(values))]])
+        columns.append([name, f"{step:g}", unit, [f"{value:.10g}" for value in values]])
+    length = max(len(column[3]) for column in columns)
+    cells = [[column[3][k] if k < len(column[3]) else "" for column in columns] for k in range(length)]
+    properties = [[column[row] for column in columns] for row in range(3)]
+    decimal = [[cell.replace(".", point) for cell in row] for row in (properties[1], *cells)]
+    rows = [["Name", "axis 3"], ["File", "a.csv"], [], properties[0], decimal[0], properties[2], [], *decimal[1:]]
+    lines = [delimiter.join(f'"{cell}"' if quoted and cell else cell for cell in row) for row in rows]
+    return "\n".join([*lines, *(["EOF"] if end else [])]) + "\n"
 
-    def write(folder: Path) -> None:
-        stamps = np.arange(round(TIME.size / second_step)) * second_step
-        position = signals(stamps * 1e-3)[1]
-        head = [
-            ["Name", "axis 1"], ["File", "axis.csv"], [""],
-            ["Name", "SetTorque", "Name", "ActPos"],
-            ["SampleTime[ms]", "1", "SampleTime[ms]", f"{second_step:g}"],
-            ["Unit", "N (Newton)", "Unit", "um (Micrometer)"], [""],
-        ]  # fmt: skip
-        rows = []
-        for k in range(max(TIME.size, stamps.size)):
-            left = [f"{1e3 * TIME[k]:.7g}", f"{FORCE[k]:.10g}"] if k < TIME.size else ["", ""]
-            right = [f"{stamps[k]:.7g}", f"{position[k]:.10g}"] if k < stamps.size else ["", ""]
-            rows.append([cell.replace(".", ",") if comma else cell for cell in left + right])
-        text = "\n".join(separator.join(row) for row in head + rows)
-        (folder / "axis.csv").write_text(text + "\nEOF\n", encoding="utf-8")
 
-    return write
+def scope(second_step: float = 1.0) -> Callable[[Path], None]:
+    """Return a writer of a TwinCAT Scope export whose second channel has a step of its own [ms]."""
+    position = signals(np.arange(round(TIME.size / second_step)) * second_step * 1e-3)[1]
+    text = twincat_export(
+        {"SetTorque": ("N (Newton)", 1.0, FORCE), "ActPos": ("um (Micrometer)", second_step, position)}
+    )
+    return text_file("axis.csv", "", text)
 
 
 def base85(values: np.ndarray) -> str:
     """Return doubles as a Sinumerik control writes them."""
-    text = ""
-    for word in np.frombuffer(values.astype(">f8").tobytes(), dtype=">u4").tolist():
-        digits = ""
-        for power in range(5):
-            digits = SINUMERIK_ALPHABET[word // 85**power % 85] + digits
-        text += "." if digits == "00000" else digits
-    return text
+    standard = b85encode(values.astype(">f8").tobytes()).decode().translate(TO_SINUMERIK)
+    groups = (standard[at : at + 5] for at in range(0, len(standard), 5))
+    return "".join("." if group == "00000" else group for group in groups)
 
 
 def number_array(name: str, values: np.ndarray, kind: str = "double") -> str:
@@ -147,14 +177,13 @@ def number_array(name: str, values: np.ndarray, kind: str = "double") -> str:
 
 def sinumerik_measurement(folder: Path) -> None:
     """Node 7 is excited, node 8 answers."""
-    response = 1e6 * plant(FREQUENCY)
     spectra = {
-        7: (np.ones(40, complex), "m_autospectrumInfo", 7), 8: (np.abs(response) ** 2 + 0j, "m_autospectrumInfo", 8),
+        7: (np.ones(40, complex), "m_autospectrumInfo", 7), 8: (np.abs(RESPONSE) ** 2 + 0j, "m_autospectrumInfo", 8),
     }  # fmt: skip
     text = "<ResponseTestCustom>"
     for node, (auto, name, _) in spectra.items():
         text += f'<PlatformSignalNode><unsigned_int name="m_uNodeId">{node}</unsigned_int>'
-        parts = [(name, node, auto)] + ([("m_crossSpecInfoList_el", 8, response)] if node == 7 else [])
+        parts = [(name, node, auto)] + ([("m_crossSpecInfoList_el", 8, RESPONSE)] if node == 7 else [])
         for part, other, spectrum in parts:
             text += f'<SigNodeCrossSpectrumInfo name="{part}"><unsigned_int name="m_uSignodeId">{other}</unsigned_int>'
             text += number_array("m_ValueVector", spectrum, "ComplexNumber")
@@ -180,17 +209,12 @@ def hdf5(folder: Path) -> None:
             group.create_dataset(name, data=values).attrs["unit"] = unit
 
 
-def hdf5_matrix(folder: Path) -> None:
-    with h5py.File(folder / "a.hdf5", "w") as file:
-        file["data"] = np.column_stack([FORCE, POSITION])
-
-
 def uff_time(folder: Path) -> None:
     _write_uff(folder / "a.uff", [(1, TIME, FORCE, 1, "N"), (1, TIME, POSITION, 2, "um")])
 
 
 def uff_response(folder: Path) -> None:
-    _write_uff(folder / "a.unv", [(4, FREQUENCY, 1e6 * plant(FREQUENCY), 2, "")])
+    _write_uff(folder / "a.unv", [(4, FREQUENCY, RESPONSE, 2, "")])
 
 
 def _write_uff(path: Path, functions: list[tuple[int, np.ndarray, np.ndarray, int, str]]) -> None:
@@ -298,20 +322,8 @@ def joined(folder: Path) -> None:
     text_file("laser.csv", "time [s];position [um]\n", lines_of("%.10g", late, signals(late)[1], separator=";"))(folder)
 
 
-MAGNITUDE_DB, PHASE_DEG = 20 * np.log10(np.abs(1e6 * plant(FREQUENCY))), np.degrees(np.angle(plant(FREQUENCY)))
-RESPONSE = 1e6 * plant(FREQUENCY)
-BODE = [
-    "--channel",
-    "frequency=Frequency",
-    "--channel",
-    "magnitude=Magnitude",
-    "--channel",
-    "phase=Phase",
-    "--unit",
-    "um/N",
-]
-SWEEP_HEAD = "Model,SDS1104\nRecord Length,Analog:1000\nSample Interval,0.001\nVertical Units,V\n,,\nTIME,CH1,CH2\n"
-LVM_HEAD = (
-    "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\n***End_of_Header***\t\n\t\nChannels\t2\t\n"
-    "Samples\t1000\t1000\nX_Dimension\tTime\tTime\n***End_of_Header***\t\t\nX_Value\tforce\tposition\tComment\n"
-)
+def frd_in_hdf5(folder: Path) -> None:
+    """MATLAB 7.3 stores a complex array as pairs, transposed."""
+    pairs = np.empty((FREQUENCY.size, 1, 1), dtype=[("real", "f8"), ("imag", "f8")])
+    pairs["real"], pairs["imag"] = RESPONSE.real[:, None, None], RESPONSE.imag[:, None, None]
+    write_hdf5(folder / "a.mat", {"freq": FREQUENCY[:, None], "resp": pairs.T})

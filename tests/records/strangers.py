@@ -1,7 +1,7 @@
 """Files as they come from machines that nobody here has seen, made by simulations of their own, with known truth."""
 
 from dataclasses import dataclass
-from math import pi, sin
+from math import copysign, pi, sin
 from pathlib import Path
 
 import h5py
@@ -52,7 +52,7 @@ class Drive:
                 along = self.ripple * sin(2 * pi * x / self.pitch)
                 free = (v * (1 - loss) + h / self.mass * (force - self.offset - along)) / (1 + loss)
                 slip = h * self.coulomb / self.mass / (1 + loss)
-                before_step, v = v, np.sign(free) * max(abs(free) - slip, 0.0)
+                before_step, v = v, copysign(max(abs(free) - slip, 0.0), free)
                 x += h * (before_step + v) / 2
         return u, counts
 
@@ -67,13 +67,6 @@ def point_to_point(rate: float, seconds: float = 24.0) -> np.ndarray:
         parts += [here + (there - here) * (10 * s**3 - 15 * s**4 + 6 * s**5), np.full(int(0.15 * rate), there)]
         here = there
     return np.concatenate(parts)
-
-
-def triangle_and_sines(rate: float, seconds: float = 24.0) -> np.ndarray:
-    """Return a slow triangle with sines of no common period on it [m]."""
-    t = np.arange(int(seconds * rate)) / rate
-    triangle = 0.02 * (2 / np.pi) * np.arcsin(np.sin(2 * np.pi * 0.31 * t))
-    return triangle + 2e-3 * np.sin(2 * np.pi * 2.37 * t) + 4e-4 * np.sin(2 * np.pi * 6.1 * t + 1)
 
 
 def slow_noise(rate: float, seconds: float = 24.0, rms: float = 3e-3, highest: float = 30.0) -> np.ndarray:

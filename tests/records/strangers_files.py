@@ -17,8 +17,7 @@ def write_drive(path: Path, reference: np.ndarray) -> None:
     volts, counts = DRIVE.follow(reference)
     increments = counts[:, None].astype(np.int32)
     write_classic(
-        path,
-        {"servo_volt": volts[:, None], "enc_cnt": increments, "soll_mm": 1e3 * reference, "fs": DRIVE.rate},
+        path, {"servo_volt": volts[:, None], "enc_cnt": increments, "soll_mm": 1e3 * reference, "fs": DRIVE.rate}
     )
 
 

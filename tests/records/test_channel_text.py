@@ -52,6 +52,10 @@ def test_quotients_are_units_where_all_headings_say_so(
         ("Sample rate [kHz]: 2.5", False, 4e-4),
         ("#Recording Frequency: 2000 Hz", False, 5e-4),
         ("Sample rate: 0", False, None),
+        ("Abtastzeit: 400 µs", False, 4e-4),
+        ("dt = 0.4 m\u017f", False, None),
+        ("dt = 1.2.3 ms", False, None),
+        ("fs" + " " * 100_000, False, None),
     ],
 )
 def test_a_sample_time_is_read_with_the_tables_decimal_sign(line: str, comma: bool, seconds: float | None) -> None:

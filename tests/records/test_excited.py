@@ -45,7 +45,7 @@ def write_moving(drive: np.ndarray) -> None:
 
 def imported(folder: Path, *more: str) -> Result:
     assert main([*COMMAND, *more]) == ExitCode.OK
-    (result,) = results(folder, "drive")
+    (result,) = results(folder, Path(more[-1]).stem if "--study" in more else "drive")
     return result
 
 
@@ -62,21 +62,15 @@ def test_lines_are_those_that_were_injected(folder: Path, name: str) -> None:
 
 
 @pytest.mark.thorough
-def test_without_the_injected_signal_the_lines_beyond_its_band_are_left_out_and_told(folder: Path) -> None:
+def test_without_the_injected_signal_lines_beyond_its_band_are_left_out_and_told_unless_both_ends_are_stated(
+    folder: Path,
+) -> None:
     found = imported(folder)
     assert set(EXCITED) <= set(lines_of(found)) <= set(range(1, 100))
     assert TELL in found.message
     assert "give the injected signal as channel 'reference' or 'excitation'" in found.message
-
-
-@pytest.mark.thorough
-def test_the_upper_end_alone_does_not_silence_the_doubt_of_the_lower_lines(folder: Path) -> None:
-    assert TELL in imported(folder, "--highest", "99").message
-
-
-@pytest.mark.thorough
-def test_a_stated_band_silences_it(folder: Path) -> None:
-    found = imported(folder, "--lowest", "3", "--highest", "99")
+    assert TELL in imported(folder, "--max-frequency", "99", "--study", "upper.toml").message
+    found = imported(folder, "--min-frequency", "3", "--max-frequency", "99", "--study", "both.toml")
     assert (lines_of(found), found.message) == (list(EXCITED), "")
 
 

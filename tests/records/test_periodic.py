@@ -46,12 +46,6 @@ def test_a_phasor_is_the_amplitude_and_phase_of_its_line() -> None:
     assert spectrum.input_variance == pytest.approx([0.0], abs=1e-28)
 
 
-def test_one_period_tells_no_variance(bench: Any) -> None:
-    rows = bench.rows(1)
-    segment = Segment(1 / bench.rate, {"u": rows[None, :, 1], "y": rows[None, :, 2]}, np.array(bench.lines))
-    assert np.isnan(covariance_of(periodic_spectrum(segment, "u", "y"))).any(axis=(1, 2)).all()
-
-
 def test_a_record_without_noise_gives_the_delay_that_made_it(
     tmp_path: Path, signals_of: Callable[..., Signals], bench: Any
 ) -> None:
@@ -136,16 +130,9 @@ def test_the_bench_gives_the_reference_standard_deviation_but_for_its_conjugate(
     np.testing.assert_allclose(ratio, 1, atol=0.18)
 
 
-def test_the_bench_shows_its_resonances(motor: Segment) -> None:
-    spectrum = periodic_spectrum(motor, "iq", "theta_x")
-    size = np.abs(spectrum.output / spectrum.input) * spectrum.frequency**2  # without the rigid body's slope
-    near = (spectrum.frequency > 30) & (spectrum.frequency < 70)
-    assert spectrum.frequency[near][np.argmin(size[near])] == pytest.approx(53)
-    near = (spectrum.frequency > 55) & (spectrum.frequency < 110)
-    assert spectrum.frequency[near][np.argmax(size[near])] == pytest.approx(77)
-
-
 def test_the_excited_lines_of_the_bench_are_found_without_being_stated(motor: Segment, registry: Registry) -> None:
-    silent = {key: value for key, value in RECORD.items() if key not in ("lowest", "highest", "sample_rate")}
+    silent = {
+        key: value for key, value in RECORD.items() if key not in ("min_frequency", "max_frequency", "sample_rate")
+    }
     experiment, _ = resolve(RecordSettings.parse(silent, "record"), BENCH, registry)
     assert experiment["record"]["segments"][0]["lines"] == motor.lines.tolist()

@@ -7,7 +7,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from fraexp_plugins.readers._shared import record_arrays
 from fraexp_plugins.readers.csv_reader import CsvReader
 from fraexp_plugins.readers.mat_reader import MatReader
 from scipy.io import savemat
@@ -55,21 +54,6 @@ def test_every_layout_of_text_gives_the_same_column_and_unit(tmp_path: Path, tex
     assert table.units["Position"] == "mm"
 
 
-@pytest.mark.parametrize(
-    ("line", "sample_time"),
-    [
-        ("Sample rate: 2.5 kHz", 4e-4), ("fs = 2500 Hz", 4e-4), ("Sampling Frequency [kHz];2.5", 4e-4),
-        ("dt = 0.4 ms", 4e-4), ("Sample interval (s), 4e-4", 4e-4), ("Abtastzeit: 400 µs", 4e-4),
-        ("dt = 0.4 m\u017f", None), ("dt = 1.2.3 ms", None), ("fs = 0 Hz", None), ("fs" + " " * 100_000, None),
-    ],
-)  # fmt: skip
-def test_a_sample_time_above_the_table_is_that_of_the_record(
-    tmp_path: Path, line: str, sample_time: float | None
-) -> None:
-    table = CsvReader().read(csv(tmp_path, f"{line}\nForce [N],Position [mm]\n1,0.25\n2,-1.5\n"), ["Position"])
-    assert table.sample_time == (None if sample_time is None else pytest.approx(sample_time))
-
-
 def test_a_number_in_brackets_behind_a_name_is_an_index(tmp_path: Path) -> None:
     path = csv(tmp_path, "Axis[0],Axis[1],ratio [1]\n1,2,3\n4,5,6\n")
     table = CsvReader().read(path, ["Axis[1]", "ratio"])
@@ -83,10 +67,6 @@ def test_units_of_other_encodings_are_read(tmp_path: Path, encoding: str) -> Non
     table = CsvReader().read(csv(tmp_path, "t\tKraft [µN]\n0\t1\n1\t2\n", encoding), ["Kraft"])
     assert table.units["Kraft"] == "µN"
     assert table.columns["Kraft"].tolist() == [1.0, 2.0]
-
-
-def test_columns_without_a_header_are_numbered_from_1(tmp_path: Path) -> None:
-    assert CsvReader().read(csv(tmp_path, "0,5\n1,6\n"), ["2"]).columns["2"].tolist() == [5.0, 6.0]
 
 
 def test_a_column_is_also_found_by_its_whole_heading(tmp_path: Path) -> None:
@@ -241,16 +221,6 @@ def test_a_damaged_matlab_file_is_one_line(tmp_path: Path, write: Callable[[Path
             assert "\n" not in str(error)
         else:  # pragma: no cover
             pytest.fail(f"a file cut off after {end} bytes was read")
-
-
-@pytest.mark.parametrize("write", FILES.values(), ids=FILES)
-def test_a_variable_is_refused_by_its_decoded_size(
-    tmp_path: Path, write: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write(tmp_path / "a.mat")
-    monkeypatch.setattr(record_arrays, "MAX_SIZE_BYTES", 20)
-    with pytest.raises(RecordError, match=r"'column' takes .* GiB; expected up to"):
-        MatReader().read(tmp_path / "a.mat", ["column"])
 
 
 def test_a_text_file_is_refused_by_its_size(tmp_path: Path) -> None:

@@ -65,28 +65,6 @@ def test_a_miscounted_period_is_refused_with_the_right_one(off: int, noise: floa
     assert detect_period(signal) == period
 
 
-def test_a_period_between_samples_is_not_refused(
-    tmp_path: Path, signals_of: Callable[..., Signals], bench: Any
-) -> None:
-    time = np.arange(4000) / bench.rate
-    phase = 2 * np.pi * time / 0.0514
-    wave = np.sin(phase) + np.sin(5 * phase) + 1e-3 * np.random.default_rng(5).normal(size=time.size)
-    bench.write(tmp_path / "bench.csv", np.column_stack([time, wave, np.roll(wave, 2)]))
-    (segment,) = signals_of(samples_per_period=None, period_time=0.0514, max_phase_slip=0.02).segments
-    assert segment.channels["u"].shape[1] == 51
-    assert segment.frequency[0] == pytest.approx(1 / 0.0514)
-
-
-def test_time_that_is_written_with_few_digits_is_a_clock_all_the_same(
-    tmp_path: Path, signals_of: Callable[..., Signals], bench: Any
-) -> None:
-    rows = bench.rows(60)
-    rows[:, 0] = np.round(rows[:, 0], 2) * 1000
-    bench.write(tmp_path / "bench.csv", rows, "Zeit [ms],iq (A),Position [mm]")
-    with pytest.raises(RecordError, match=r"sample_rate is 900 Hz, but the time in the file says (999|1000)"):
-        signals_of(time_column=None, sample_rate=900)
-
-
 @pytest.mark.parametrize("heading", ["latency [ms]", "time", "pressure [bar]"])
 def test_a_column_that_is_not_evidently_the_time_is_no_clock(
     tmp_path: Path, signals_of: Callable[..., Signals], bench: Any, heading: str
@@ -121,13 +99,6 @@ def test_the_period_of_a_smooth_record_is_found_to_the_sample(blocks: float, lin
     for phases in rng.uniform(0, 2 * np.pi, (5, len(lines))):
         angle = 2 * np.pi * np.outer(np.arange(round(10_000 * blocks)), lines) / 10_000 + phases
         assert detect_period(np.cos(angle).sum(axis=1)) == 10_000
-
-
-def test_many_periods_find_the_period_through_noise() -> None:
-    rng = np.random.default_rng(4)
-    wave = np.cos(2 * np.pi * np.outer(np.arange(107_000), (1, 2, 3)) / 10_000 + rng.uniform(0, 6, 3)).sum(axis=1)
-    for _ in range(5):
-        assert detect_period(wave + 0.03 * rng.normal(size=wave.size)) == 10_000
 
 
 def test_a_record_that_lacks_the_end_of_its_second_period_is_not_taken_for_two_shorter_ones() -> None:

@@ -14,7 +14,7 @@ from fraexp.cli.main import main
 from fraexp.components.registry import Registry
 from fraexp.data.results import FrequencyResponse
 from fraexp.errors import RecordError
-from fraexp.records.resampling import UniformClock, plan_clock, resample
+from fraexp.records.resampling import plan_clock
 from fraexp.records.timebase import examine_stamps, sample_rate_of, stamps_text
 from tests.examples import thorough
 from tests.records.strangers_files import results
@@ -119,19 +119,6 @@ def test_rounded_stamps_are_a_uniform_clock() -> None:
     assert sample_rate_of(np.round(np.arange(5000) / 2300, 4), "it") == pytest.approx(2300, rel=1e-6)
 
 
-@pytest.mark.thorough
-def test_too_coarse_stamps_say_the_rate_to_give(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    time = np.arange(int(PERIODS * RATE_HZ)) / RATE_HZ
-    rows = np.column_stack([np.floor(time * 100) / 100, *signals(time, 1)])
-    np.savetxt(folder / "a.csv", rows, "%.10g", ",", header="time [s],force [N],position [um]", comments="")
-    command = ["import", "a.csv", "--channel", "u=force", "--channel", "y=position", "--period-time", "1"]
-    assert main([*command, "--time", "time"]) == ExitCode.USAGE
-    said = capsys.readouterr().err
-    remedy = re.search(r"leave out time_column and give sample_rate = \S+ \((--sample-rate) (1000\.\d+)\)", said)
-    assert remedy is not None
-    assert main([*command, *remedy.groups()]) == ExitCode.OK
-
-
 @pytest.mark.parametrize(("at", "option"), [(1500, "--start-time"), thorough(4500, "--end-time")])
 def test_a_gap_says_which_part_to_use_and_the_part_is_used(
     folder: Path, capsys: pytest.CaptureFixture[str], at: int, option: str
@@ -170,9 +157,3 @@ def test_channels_of_two_rates_are_brought_to_one_clock(folder: Path, capsys: py
 def test_a_rate_above_that_of_a_channel_is_refused() -> None:
     with pytest.raises(RecordError, match=r"sample_rate is 2000 Hz, but 'y' was sampled at 1000 Hz"):
         plan_clock({"y": np.arange(100) / 1000}, 2000.0, None, "cubic", "a.csv")
-
-
-def test_resampling_at_the_stamps_themselves_changes_nothing() -> None:
-    time = np.arange(200) / 1000
-    values = np.random.default_rng(1).standard_normal(200)
-    assert np.allclose(resample(values, time, UniformClock(0.0, 1000.0, 200, "cubic")), values, atol=1e-12)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from fraexp_plugins.readers.sinumerik import Sinumerik
 
+from tests.records.corpus_writers import TO_STANDARD
+
 FILE = Path(__file__).parents[3] / "shared" / "data" / "traces" / "sinumerik_frequency_response.xml"
-ALPHABET = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ!#$`()*+-/:;=?@[]^_{|}~"
-STANDARD = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%&()*+-;<=>?@^_`{|}~"
 
 pytestmark = pytest.mark.skipif(not FILE.exists(), reason="the file is not beside this checkout")
 
@@ -23,7 +23,7 @@ def test_the_time_series_are_those_of_another_decoder() -> None:
     text = FILE.read_text(encoding="utf-8", errors="replace")
     found = []
     for content in re.findall(r"<raw[^>]*><!\[CDATA\[([^<>]{1000,})\]\]>", text):
-        characters = "".join(content.split()).replace(".", "00000").translate(str.maketrans(ALPHABET, STANDARD))
+        characters = "".join(content.split()).replace(".", "00000").translate(TO_STANDARD)
         found.append(np.frombuffer(b85decode(characters), ">f8"))
     assert names
     for name in names:

@@ -1,7 +1,6 @@
 """Exports of TwinCAT 3 Scope: every layout gives the same numbers; what is wrong is said in one line."""
 
 import itertools
-import random
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ from fraexp.errors import RecordError
 from fraexp.records.contents import list_contents
 from fraexp.records.proposals import propose_import
 from fraexp.records.source import find_reader
+from tests.records.corpus_writers import twincat_export
 
 TRACES = Path(__file__).parents[3] / "shared" / "data" / "traces"
 CHANNELS = {
@@ -22,20 +22,9 @@ CHANNELS = {
 FAST = ("(None)", 0.5, [float(value) for value in range(8)])
 
 
-def export(delimiter="\t", shared=False, point=".", end=True, fast=False, quoted=False):
+def export(*, fast=False, **more):
     """Return the text of an export of two channels of 1 ms, and one of 0.5 ms if asked for."""
-    columns = []
-    for number, (name, (unit, step, values)) in enumerate({**CHANNELS, **({"Fast": FAST} if fast else {})}.items()):
-        if not shared or number == 0 or step != 1.0:
-            columns.append(["Name", "SampleTime[ms]", "Unit", [f"{k * step:g}" for k in range(len(values))]])
-        columns.append([name, f"{step:g}", unit, [f"{value:g}" for value in values]])
-    length = max(len(column[3]) for column in columns)
-    cells = [[column[3][k] if k < len(column[3]) else "" for column in columns] for k in range(length)]
-    properties = [[column[row] for column in columns] for row in range(3)]
-    decimal = [[cell.replace(".", point) for cell in row] for row in (properties[1], *cells)]
-    rows = [["Name", "axis 3"], ["File", "a.csv"], [], properties[0], decimal[0], properties[2], [], *decimal[1:]]
-    lines = [delimiter.join(f'"{cell}"' if quoted and cell else cell for cell in row) for row in rows]
-    return "\n".join([*lines, *(["EOF"] if end else [])]) + "\n"
+    return twincat_export({**CHANNELS, **({"Fast": FAST} if fast else {})}, **more)
 
 
 def written(tmp_path, text, encoding="utf-8"):
@@ -47,7 +36,7 @@ def written(tmp_path, text, encoding="utf-8"):
 @pytest.mark.parametrize("delimiter", ["\t", ";", ":"])
 @pytest.mark.parametrize(("shared", "point", "end"), list(itertools.product((False, True), ".,", (False, True))))
 def test_every_layout_gives_the_same_values_and_units(tmp_path, delimiter, shared, point, end):
-    path = written(tmp_path, export(delimiter, shared, point, end))
+    path = written(tmp_path, export(delimiter=delimiter, shared=shared, point=point, end=end))
     table = TwinCatScope().read(path, ["ActPos", "Torque"])
     assert table.columns["Torque"].tolist() == CHANNELS["Torque"][2]
     assert table.columns["ActPos"].tolist() == CHANNELS["ActPos"][2]
@@ -137,26 +126,6 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path, text, columns, message):
     with pytest.raises(RecordError, match=message) as caught:
         TwinCatScope().read(written(tmp_path, text), columns)
     assert "\n" not in str(caught.value)
-
-
-def test_a_row_that_is_wider_than_the_table_is_listed(tmp_path, registry):
-    path = written(tmp_path, export().replace("-1.25", "-1.25\t\t\t7\t8"))
-    assert [one.name for one in list_contents(path, registry)] == ["Torque", "ActPos"]
-
-
-def test_a_damaged_export_is_read_or_refused_in_one_line(tmp_path, registry):
-    """Bytes are cut out, doubled and changed at random."""
-    whole, dice = export(fast=True).encode(), random.Random(4)
-    for _ in range(300):
-        begin, end = sorted(dice.choices(range(len(whole)), k=2))
-        middle = dice.choice([b"", whole[begin:end] * 2, bytes(dice.choices(range(256), k=min(end - begin, 9)))])
-        path = tmp_path / "axis.csv"
-        path.write_bytes(whole[:begin] + middle + whole[end:])
-        try:
-            contents = list_contents(path, registry)
-            find_reader("", path, registry).read(path, [contents[0].name])
-        except RecordError as error:
-            assert "\n" not in str(error)
 
 
 @pytest.mark.skipif(not TRACES.is_dir(), reason="the traces of strangers are not in the checkout")

@@ -1,73 +1,191 @@
-"""A sample that stands far outside is questioned; what machines do is not."""
+"""Spikes, frozen, clipped and wrapped samples and axes that turn are told; what machines do is not."""
 
 import numpy as np
 import pytest
+from fraexp_plugins.estimators.best_linear_approximation import BestLinearApproximation
+from fraexp_plugins.estimators.conventional import Conventional
+from fraexp_plugins.estimators.local_polynomial import LocalPolynomial
 from numpy.typing import NDArray
 
-from fraexp.data.signals import Segment
+from fraexp.analysis.steady_motion import steady_motion_text
+from fraexp.data.results import Outcome
+from fraexp.data.signals import Segment, Signals
 from fraexp.records.wrong_samples import wrong_sample_questions
 
-PERIODS, SAMPLES = 8, 500
-ANGLE = 2 * np.pi * np.arange(PERIODS * SAMPLES) / SAMPLES
-NOISE = np.random.default_rng(1).normal(size=ANGLE.size)
-SETTLING = np.exp(-np.arange(ANGLE.size) / SAMPLES)
+PERIODS, SAMPLES = 6, 1000
+LINES = np.arange(1, 40, 3)
+TIME = np.arange(PERIODS * SAMPLES) / SAMPLES
+NOISE = np.random.default_rng(6).normal(size=TIME.size)
+SINE = np.sin(2 * np.pi * TIME)
+WAVE = np.cos(2 * np.pi * np.outer(TIME, LINES) + LINES**2) @ (1.0 / LINES)
+SMOOTH = np.cos(2 * np.pi * np.outer(TIME, LINES) + LINES**2) @ (1.0 / LINES**2)
+STICKING = np.cumsum(np.sign(SINE) * np.maximum(np.abs(SINE) - 0.5, 0)) / 100
+"""It stands still for a third of the time, at both reversals."""
+HIDDEN = slice(40, None, 497)
+"""Twelve samples, two in each period."""
 
 
-def questions(y: NDArray[np.float64], periods: int = PERIODS, periodic: bool = True) -> str:
-    segment = Segment(1e-3, {"y": y.reshape(periods, -1)}, np.array([1]), periodic=periodic)
-    return wrong_sample_questions([segment], {"y": "m"}).text
+def flat_wave(line: int, flatter: float) -> NDArray[np.float64]:
+    """Return a sine with a third harmonic that flattens its tops, as friction does."""
+    return np.cos(2 * np.pi * line * TIME) - flatter * np.cos(6 * np.pi * line * TIME)
 
 
-def with_spike(value: float, *where: int) -> NDArray[np.float64]:
-    y = 3e-4 * np.sin(ANGLE)
-    y[list(where)] = value
+HARMLESS = {
+    "sine": SINE,
+    "wave": WAVE,
+    "still": np.zeros(TIME.size),
+    "noise": NOISE,
+    "noisy": WAVE + 0.3 * NOISE,
+    "settling": WAVE + 4 * np.exp(-2 * TIME),
+    "from rest": np.where(TIME < 0.2, 0.0, WAVE),
+    "drift": SMOOTH + 1e-4 * TIME,
+    "walk": WAVE + np.cumsum(NOISE) * 0.005,
+    "square": np.sign(np.sin(2 * np.pi * TIME * (1 + 3e-4) + 0.3)),
+    "noisy square": np.sign(np.sin(2 * np.pi * TIME + 1e-3)) + 0.02 * NOISE,
+    "pulse": np.where(np.sin(2 * np.pi * TIME + 0.01 * np.cumsum(NOISE) / 10) > 0.9, 1.0, 0.0),
+    "triangle": np.round(np.abs(np.mod(2 * TIME, 2) - 1), 2),
+    "fast": np.sin(2 * np.pi * TIME * SAMPLES / 3),
+    "fine": np.round(SINE, 2),
+    "coarse": np.round(SINE, 1),
+    "coarse and noisy": np.round(WAVE + 0.1 * NOISE),
+    "sticking": np.round(STICKING, 3),
+    "3 % flatter": np.round(50 * flat_wave(35, 0.03)) / 50,
+    "6 % flatter": np.round(45 * flat_wave(38, 0.06)) / 45,
+    "10 % flatter": np.round(45 * flat_wave(43, 0.1)) / 45,
+}
+"""What machines and their encoders do."""
+
+
+def questions(y: NDArray[np.float64], unit: str = "rad", name: str = "y", periodic: bool = True) -> str:
+    blocks = y.reshape(PERIODS if periodic else 1, -1)
+    return wrong_sample_questions([Segment(1e-3, {name: blocks}, LINES, periodic=periodic)], {name: unit}).text
+
+
+def motion(y: NDArray[np.float64]) -> str:
+    return steady_motion_text([Segment(1e-3, {"y": y.reshape(PERIODS, -1)}, LINES)], "y", "rad")
+
+
+def replaced(where: slice | list[int], value: float, noise: float = 1e-3) -> NDArray[np.float64]:
+    y = WAVE + noise * NOISE
+    y[where] = value
     return y
 
 
-@pytest.mark.parametrize("value", [1e-3, -1e-3, 0.1])
-@pytest.mark.parametrize("where", [0, 1234, ANGLE.size - 1])
+@pytest.mark.parametrize("y", HARMLESS.values(), ids=HARMLESS)
+def test_what_machines_do_is_not_questioned(y: NDArray[np.float64]) -> None:
+    assert questions(y) == ""
+    assert motion(y) == ""
+
+
+@pytest.mark.parametrize("value", [5.0, -5.0, 100.0])
+@pytest.mark.parametrize("where", [0, 1234, TIME.size - 1])
 def test_a_spike_is_questioned_at_its_place(value: float, where: int) -> None:
-    said = questions(with_spike(value, where))
+    said = questions(replaced([where], value))
     period, sample = divmod(where, SAMPLES)
-    assert said.startswith(f"'y' is {value:.3g} m at sample {sample + 1} of period {period + 1}, and between -0.0003")
+    assert said.startswith(f"'y' is {value:.3g} rad at sample {sample + 1} of period {period + 1}, and between ")
     assert "1 wrong sample?" in said
 
 
-def test_several_are_counted_and_channels_of_all_segments_too() -> None:
-    assert "3 wrong samples?" in questions(with_spike(1.0, 10, 11, 2000))
-    wrong = Segment(1e-3, {"y": with_spike(1.0, 5).reshape(PERIODS, -1)}, np.array([1]))
+@pytest.mark.parametrize("value", [-9999.0, 5.0])
+@pytest.mark.parametrize("noise", [1e-6, 1e-2])
+def test_outliers_of_all_periods_do_not_hide_one_another(value: float, noise: float) -> None:
+    said = questions(replaced(HIDDEN, value, noise))
+    assert said.startswith(f"'y' is {value:g} rad" if value > 0 else "'y' is -1e+04 rad")
+    assert "there in the others: 12 wrong samples? interpolate them before the import" in said
+
+
+def test_zeros_within_the_range_are_outliers() -> None:
+    assert "wrong samples? interpolate" in questions(replaced(HIDDEN, 0.0))
+
+
+def test_several_channels_and_segments_are_counted() -> None:
+    wrong = Segment(1e-3, {"y": replaced([5], 10.0).reshape(PERIODS, -1)}, LINES)
     assert wrong_sample_questions([wrong, wrong], {"y": "m"}).text.endswith("; and 1 more channels or segments")
 
 
-@pytest.mark.parametrize(
-    "y",
-    [
-        np.sin(ANGLE),
-        np.sign(np.sin(ANGLE + 1e-3)),
-        NOISE,
-        np.sin(ANGLE) + 0.2 * NOISE,
-        np.sin(ANGLE) + 5 * SETTLING,
-        np.sin(ANGLE) + 0.02 * ANGLE,
-        np.round(np.sin(ANGLE)),
-        np.zeros(ANGLE.size),
-    ],
-    ids=["sine", "square", "noise", "noisy", "settling", "drift", "coarse", "still"],
-)
-def test_what_machines_do_is_not_questioned(y: NDArray[np.float64]) -> None:
-    assert questions(y) == ""
+def test_two_periods_or_none_do_not_tell_a_spike() -> None:
+    two = Segment(1e-3, {"y": replaced([7], 10.0)[: 2 * SAMPLES].reshape(2, -1)}, LINES)
+    assert wrong_sample_questions([two], {"y": "m"}).text == ""
+    assert questions(replaced([7], 10.0), periodic=False) == ""
 
 
-def test_two_periods_or_none_do_not_tell() -> None:
-    assert questions(with_spike(1.0, 7), periods=2) == ""
-    assert questions(with_spike(1.0, 7), periodic=False) == ""
-
-
-@pytest.mark.parametrize(("value", "do_harm"), [(6e-4, False), (0.1, True)])
+@pytest.mark.parametrize(("value", "do_harm"), [(2.0, False), (300.0, True)])
 def test_what_hardly_changes_a_response_does_no_harm(value: float, do_harm: bool) -> None:
-    segment = Segment(1e-3, {"y": with_spike(value, 1234).reshape(PERIODS, -1)}, np.array([1]))
+    y = SINE.copy()
+    y[1234] = value
+    segment = Segment(1e-3, {"y": y.reshape(PERIODS, -1)}, np.array([1]))
     found = wrong_sample_questions([segment], {"y": "m"})
     assert found.text
     assert found.do_harm is do_harm
-    without = np.fft.fft(3e-4 * np.sin(ANGLE).reshape(PERIODS, -1).mean(axis=0))[1]
-    change = float(abs(np.fft.fft(segment.channels["y"].mean(axis=0))[1] / without - 1))
-    assert (change > 0.01) is do_harm
+    without, with_it = (np.fft.fft(of.reshape(PERIODS, -1).mean(axis=0))[1] for of in (SINE, y))
+    assert bool(abs(with_it / without - 1) > 0.01) is do_harm
+
+
+@pytest.mark.parametrize(("start", "length"), [(2300, 120), (3500, 700), (2500, 1500), (200, 300), (5800, 200)])
+def test_a_frozen_signal_is_questioned(start: int, length: int) -> None:
+    said = questions(replaced(slice(start, start + length), WAVE[start]))
+    assert f" for {length * 1e-3:.3g} s from sample {start % SAMPLES + 1} of period {start // SAMPLES + 1} on" in said
+
+
+@pytest.mark.parametrize("level", [0.5, 0.7, 0.9])
+@pytest.mark.parametrize("step", [1e-9, 1e-3, 0.005])
+def test_a_clipped_motion_is_questioned(level: float, step: float) -> None:
+    top = level * np.abs(WAVE).max()
+    y = np.clip(np.round(WAVE / step) * step + 1e-9 * NOISE, -top, top)
+    said = questions(y)
+    assert f"{top:.3g} rad, " in said
+    assert "is it clipped? record with a larger range" in said
+    assert said.startswith("'y' stands at ")
+    assert questions(y, unit="N") == ""
+    assert questions(y, name="u") == "", "commands are limited on purpose"
+
+
+@pytest.mark.parametrize("lower", [-np.inf, -0.6])
+def test_one_limit_is_enough(lower: float) -> None:
+    said = "stands at -0.6 and 0.5" if lower == -0.6 else "stands at 0.5"
+    assert said in questions(np.clip(SINE + 1e-6 * NOISE, lower, 0.5))
+
+
+@pytest.mark.parametrize("level", [0.5, 0.97, 0.99])
+def test_a_wave_that_is_clipped_near_its_top_is_questioned(level: float) -> None:
+    """It slows down before, but is as fast as many changes from step to step when it stops."""
+    flat = flat_wave(1, 0.08)
+    assert "is it clipped" in questions(np.clip(np.round(flat, 5), -np.inf, level * flat.max()))
+
+
+@pytest.mark.parametrize("modulus", [2 * np.pi, 1.0, 65536 / 10430.378])
+@pytest.mark.parametrize("speed", [0.0, 0.6, -3.0])
+@pytest.mark.parametrize("periodic", [True, False])
+def test_an_angle_that_wraps_is_questioned(modulus: float, speed: float, periodic: bool) -> None:
+    angle = np.mod(0.2 * SMOOTH + modulus * speed * TIME + 1e-5 * NOISE, modulus)
+    said = questions(angle, periodic=periodic)
+    assert "jumps by nearly its whole range" in said
+    assert "unwrap the column before the import" in said
+    assert "wraps" not in questions(np.unwrap(angle, period=modulus), periodic=periodic)
+    assert "wraps" not in questions(angle, unit="N", periodic=periodic), "a sawtooth of a force"
+
+
+def test_one_wrap_of_a_whole_turn_is_enough() -> None:
+    angle = 0.2 * SMOOTH + TIME + 1
+    assert "once, after sample" in questions(np.mod(angle, 2 * np.pi))
+    assert "wraps" not in questions(np.mod(angle, 4.0))
+
+
+@pytest.mark.parametrize("speed", [0.1, -6.0])
+def test_a_steady_motion_is_told(speed: float) -> None:
+    said = motion(0.01 * SMOOTH + speed * TIME + 1e-6 * NOISE)
+    assert said.startswith(f"'y' gains {speed:.3g} rad each period and does not repeat")
+    assert "at 13 of 13 frequencies; --estimator local_polynomial removes" in said
+
+
+def test_estimators_that_take_a_steady_motion_off_are_ok_on_it_and_others_are_not() -> None:
+    channels = {"u": SMOOTH.reshape(PERIODS, -1), "y": (0.01 * SMOOTH + 0.1 * TIME + 1e-9 * NOISE).reshape(PERIODS, -1)}
+    signals = Signals((Segment(1e-3, channels, LINES),), {"u": "N m", "y": "rad"})
+    for estimator in (Conventional(), BestLinearApproximation(), LocalPolynomial()):
+        found = estimator.estimate(signals)
+        is_robust = isinstance(estimator, LocalPolynomial)
+        assert found.response is not None
+        assert found.outcome is (Outcome.OK if is_robust else Outcome.INACCURATE), found.message
+        assert ("gains 0.1 rad each period" in found.message) is not is_robust
+        off = float(np.abs(found.response.response / 0.01 - 1).max())
+        assert (off < 0.01) is is_robust
