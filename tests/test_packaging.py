@@ -40,24 +40,27 @@ def run(*command: object, cwd: Path) -> subprocess.CompletedProcess[str]:
     return done
 
 
-def hatch(target: str, source: Path, folder: Path) -> Path:
-    run(sys.executable, "-m", "hatchling", "build", "--target", target, "--directory", folder, cwd=source)
-    (made,) = folder.iterdir()
-    return made
-
-
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A wheel made from the source archive, as other people's tools make it."""
+def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The source archive, and a wheel made from it, as other people's tools make it."""
+
+    def hatch(target: str, checkout: Path) -> Path:
+        run(
+            sys.executable, "-m", "hatchling", "build", "--target", target, "--directory", folder / target, cwd=checkout
+        )
+        (made,) = (folder / target).iterdir()
+        return made
+
     folder = tmp_path_factory.mktemp("build")
-    with tarfile.open(hatch("sdist", ROOT, folder / "sdist")) as archive:
+    source = hatch("sdist", ROOT)
+    with tarfile.open(source) as archive:
         archive.extractall(folder, filter="data")
-    (source,) = folder.glob("fraexp-*")
-    return hatch("wheel", source, folder / "wheel")
+    (checkout,) = folder.glob("fraexp-*")
+    return source, hatch("wheel", checkout)
 
 
 @pytest.fixture(scope="module")
-def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def installed(archives: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An environment with the wheel and, by a path file, the packages that it needs; nothing is downloaded."""
     folder = tmp_path_factory.mktemp("environment")
     venv.create(folder, with_pip=False, symlinks=os.name != "nt")
@@ -65,7 +68,7 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     python = Path(sysconfig.get_path("scripts", "venv", place)) / Path(sys.executable).name
     owner = sys.executable if (Path(sysconfig.get_path("purelib")) / "pip").is_dir() else sys._base_executable
     pip = (owner, "-m", "pip", "--python", python, "--disable-pip-version-check")
-    run(*pip, "install", "--quiet", "--no-index", "--no-deps", wheel, cwd=folder)
+    run(*pip, "install", "--quiet", "--no-index", "--no-deps", archives[1], cwd=folder)
     site = Path(sysconfig.get_path("purelib", "venv", place))
     (site / "needs.pth").write_text(sysconfig.get_path("purelib") + "\n")
     return python.with_name("fraexp")
@@ -141,13 +144,6 @@ def test_with_what_running_needs_everything_runs_without_a_warning(lean: Path, t
     )
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("tool", ["control", "distributed", "mypy", "playwright", "psycopg", "pytest"])
-def test_what_running_needs_is_no_tool_of_development(lean: Path, tmp_path: Path, tool: str) -> None:
-    found = "import importlib.util, sys; sys.exit(importlib.util.find_spec(sys.argv[1]) is not None)"
-    run(lean, "-c", found, tool, cwd=tmp_path)
-
-
 def test_what_is_installed_here_is_what_pyproject_declares() -> None:
     metadata = distribution("fraexp")
     found = {(entry.group, entry.name, entry.value) for entry in metadata.entry_points}
@@ -155,40 +151,29 @@ def test_what_is_installed_here_is_what_pyproject_declares() -> None:
 
 
 @pytest.mark.thorough
-def test_the_wheel_holds_the_code_the_plugins_and_the_studies_and_nothing_else(wheel: Path) -> None:
-    names = set(zipfile.ZipFile(wheel).namelist())
+def test_a_package_index_takes_both_archives(archives: tuple[Path, Path], tmp_path: Path) -> None:
+    done = run(sys.executable, "-m", "twine", "check", "--strict", *archives, cwd=tmp_path)
+    assert done.stdout.count("PASSED") == 2
+
+
+@pytest.mark.thorough
+def test_the_wheel_holds_the_code_the_plugins_and_the_studies_and_nothing_else(archives: tuple[Path, Path]) -> None:
+    names = set(zipfile.ZipFile(archives[1]).namelist())
     wanted = {path.relative_to(ROOT) for name in ("fraexp", "studies") for path in (ROOT / name).rglob("*.*")}
     code = [path for kind in ("*.py", "*.st") for path in (ROOT / "plugins").rglob(kind)]
     wanted |= {path.relative_to(ROOT / "plugins") for path in code}
     expected = {f"fraexp/{path}" if path.parts[0] == "studies" else str(path) for path in wanted if path.suffix}
     shipped = {name for name in names if ".dist-info/" not in name}
     assert {name for name in expected if "__pycache__" not in name} == shipped
+    assert "fraexp/py.typed" in shipped
+    assert [name for name in names if name.endswith(".dist-info/licenses/LICENSE")]
 
 
 @pytest.mark.thorough
-def test_the_installed_wheel_declares_what_pyproject_declares(wheel: Path) -> None:
-    with zipfile.ZipFile(wheel) as archive:
-        (name,) = (name for name in archive.namelist() if name.endswith("entry_points.txt"))
-        text = archive.read(name).decode()
-    for _, name, value in DECLARED:
-        assert f"{name} = {value}" in text
-
-
-@pytest.mark.thorough
-def test_the_installed_command_explains_itself(installed: Path, tmp_path: Path) -> None:
-    assert "run" in run(installed, "--help", cwd=tmp_path).stdout
-
-
-@pytest.mark.thorough
-def test_the_installed_command_finds_the_plugins_of_the_wheel(installed: Path, tmp_path: Path) -> None:
+def test_the_installed_command_finds_the_plugins_and_the_studies_of_the_wheel(installed: Path, tmp_path: Path) -> None:
     text = run(installed, "plugins", "--json", cwd=tmp_path).stdout
-    assert json.loads(text)
     assert '"rolling"' in text
     assert str(ROOT) not in text
-
-
-@pytest.mark.thorough
-def test_the_installed_command_finds_the_studies_of_the_wheel(installed: Path, tmp_path: Path) -> None:
     done = run(installed, "run", "quick", "--dry-run", cwd=tmp_path)
     assert "sweep" in done.stdout + done.stderr
     assert list(tmp_path.iterdir()) == []  # a dry run writes nothing

@@ -1,4 +1,4 @@
-"""What publication needs: archives that an index takes, a citation, and types that a strict user's checker accepts."""
+"""What publication needs: a citation, an article, and types that a strict user's checker accepts."""
 
 import re
 import subprocess
@@ -55,55 +55,16 @@ def analyse(folder: str) -> list[float]:
 """A user's module, with a plugin of two kinds and a script."""
 
 
-def check_types(text: str, folder: Path) -> str:
-    (folder / "own.py").write_text(text, encoding="utf-8")
-    command = [
-        sys.executable,
-        "-m",
-        "mypy",
-        "--strict",
-        "--no-error-summary",
-        "--cache-dir",
-        folder / "cache",
-        "own.py",
-    ]
+@pytest.mark.thorough
+def test_a_strict_check_of_a_user_s_module_passes(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(USER.replace("np.ndarray", "np.typing.NDArray[np.float64]"), encoding="utf-8")
+    command = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", tmp_path / "cache", "own.py"]
     environment = {"MYPYPATH": f"{ROOT}:{ROOT / 'plugins'}", "PATH": ""}
     done = subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=HANG_TIMEOUT_S
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False, timeout=HANG_TIMEOUT_S
     )
-    return "\n".join(line for line in (done.stdout + done.stderr).splitlines() if line.startswith("own.py"))
-
-
-@pytest.mark.thorough
-def test_a_strict_check_of_a_user_s_module_passes_and_finds_mistakes(tmp_path: Path) -> None:
-    assert check_types(USER.replace("np.ndarray", "np.typing.NDArray[np.float64]"), tmp_path) == ""
-    wrong = check_types(USER.replace("Outcome.OK, metrics", "Outcome.FINE, metrics"), tmp_path)
-    assert '"type[Outcome]" has no attribute "FINE"' in wrong
-    wrong = check_types(USER.replace('executor="serial"', "executor=4"), tmp_path)
-    assert 'incompatible type "int"; expected "str | None"' in wrong
-
-
-@pytest.mark.thorough
-def test_a_package_index_takes_both_archives(tmp_path: Path) -> None:
-    for target in ("sdist", "wheel"):
-        subprocess.run(
-            [sys.executable, "-m", "hatchling", "build", "--target", target, "--directory", tmp_path],
-            cwd=ROOT,
-            check=True,
-            capture_output=True,
-            timeout=HANG_TIMEOUT_S,
-        )
-    archives = sorted(tmp_path.iterdir())
-    assert [path.suffix for path in archives] == [".whl", ".gz"]
-    done = subprocess.run(
-        [sys.executable, "-m", "twine", "check", "--strict", *archives],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=HANG_TIMEOUT_S,
-    )
-    assert done.returncode == 0, done.stdout
-    assert done.stdout.count("PASSED") == 2
+    assert [line for line in (done.stdout + done.stderr).splitlines() if line.startswith("own.py")] == []
+    assert "1 source file" in done.stdout
 
 
 def test_the_citation_is_that_of_this_version() -> None:
@@ -120,8 +81,3 @@ def test_the_article_cites_what_its_bibliography_has() -> None:
     known = set(re.findall(r"^@\w+\{(\w+),", (ROOT / "docs/paper/paper.bib").read_text("utf-8"), re.MULTILINE))
     assert set(re.findall(r"@(\w+)", text.partition("---\n\n")[2])) == known
     assert 600 < len(text.split()) < 1200
-
-
-def test_the_license_travels_with_both_archives() -> None:
-    assert "LICENSE" in PROJECT["license-files"]
-    assert (ROOT / "fraexp/py.typed").exists()

@@ -31,13 +31,17 @@ def filled(tmp_path, sweep, result) -> Path:
     return path
 
 
-def replace_entry(path: Path, index: str, before: bytes, after: bytes) -> None:
-    """Change the entry of an index that ends so; it is on its only page."""
+def index_page(path: Path, index: str) -> tuple[bytearray, int]:
+    """Return the file, and where the only page of an index starts."""
     with closing(sqlite3.connect(path)) as connection:
         (page,) = connection.execute("SELECT rootpage FROM sqlite_master WHERE name = ?", (index,)).fetchone()
         (size,) = connection.execute("PRAGMA page_size").fetchone()
-    data = bytearray(path.read_bytes())
-    start = (page - 1) * size
+    return bytearray(path.read_bytes()), (page - 1) * size
+
+
+def replace_entry(path: Path, index: str, before: bytes, after: bytes) -> None:
+    """Change the entry of an index that ends so; it is on its only page."""
+    data, start = index_page(path, index)
     for at in range(start + 8, start + 8 + 2 * int.from_bytes(data[start + 3 : start + 5]), 2):
         cell = start + int.from_bytes(data[at : at + 2])
         end = cell + 1 + data[cell]
@@ -60,11 +64,8 @@ def lose_entries(path: Path, condition: str) -> None:
 
 def lose_last_entry(path: Path, index: str) -> None:
     """Let the only page of an index count one entry less than it has."""
-    with closing(sqlite3.connect(path)) as connection:
-        (page,) = connection.execute("SELECT rootpage FROM sqlite_master WHERE name = ?", (index,)).fetchone()
-        (size,) = connection.execute("PRAGMA page_size").fetchone()
-    data = bytearray(path.read_bytes())
-    data[(page - 1) * size + 4] -= 1
+    data, start = index_page(path, index)
+    data[start + 4] -= 1
     path.write_bytes(bytes(data))
 
 

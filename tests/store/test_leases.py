@@ -83,19 +83,6 @@ def test_a_run_that_is_dead_or_silent_holds_nothing(store, two_runs, keys, sql, 
     assert store.lease_holders(keys) == dict.fromkeys(keys, other)
 
 
-def test_the_heartbeat_of_a_run_elsewhere_keeps_what_it_holds(store, two_runs, keys, sql, kind):
-    one, other = two_runs
-    store.claim(one, keys)
-    silent = datetime.now(UTC) - timedelta(seconds=90)
-    moment = str(silent.replace(tzinfo=None)) if kind == "sqlite" else silent
-    sql(
-        f"UPDATE run SET host = 'elsewhere', boot = 'b', pid = 1, heartbeat = :silent WHERE number = {one}",
-        silent=moment,
-    )
-    store.beat(one)
-    assert store.claim(other, keys) == set()
-
-
 def test_two_processes_never_get_the_same_and_a_killed_one_leaves_all(store, url, program):
     with program(CLAIMS, url) as first, program(CLAIMS, url) as second:
         one, two = (set(process.stdout.readline().split()) for process in (first, second))

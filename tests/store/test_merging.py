@@ -11,7 +11,6 @@ from fraexp.data.results import Metric, Outcome
 from fraexp.errors import StoreError
 from fraexp.store import MergeSummary, Store
 from fraexp.store.changes import merge_source, merging
-from fraexp.store.diff import describe_differences
 from tests.examples import some
 from tests.store.conftest import KINDS, reseal
 
@@ -76,24 +75,6 @@ def test_results_runs_tags_and_notes_are_added_once(store, other, sweep, result,
     assert store.health() == "sound"
     assert added_counts(joined(store, other)) == (0, 0, 2, 0, 1)
     assert len(store.runs()) == 2
-
-
-def test_a_difference_is_told_and_nothing_is_overwritten(store, other, sweep, result):
-    first, theirs = result(), result()
-    assert theirs.response is not None
-    response = theirs.response.response.copy()
-    response[1] *= 1 + 1e-3
-    theirs = replace(
-        theirs, response=replace(theirs.response, response=response), metrics=(Metric("overshoot", 1.6, "1"),)
-    )
-    store.save(begin_in(store, [sweep()]), [(sweep(), first, {})])
-    other.save(begin_in(other, [sweep()]), [(sweep(), theirs, {})])
-    (conflict,) = joined(store, other).conflicts
-    assert (conflict.key, conflict.what) == (sweep().key, ("response", "metrics"))
-    assert conflict.how.startswith("response: response by ")
-    assert "overshoot 1.5 here, 1.6 there" in conflict.how
-    assert repr(store.result(sweep().key)) == repr(first)
-    assert len(joined(store, other).conflicts) == 1
 
 
 def test_a_result_is_added_where_there_was_none(store, other, sweep, result):
@@ -207,20 +188,33 @@ def test_what_is_damaged_here_stays_and_is_a_conflict(store, path, sweep, result
     )  # fmt: skip
 
 
-def test_whatever_differs_is_a_conflict_with_both_texts(store, other, sweep, result, origin):
-    theirs = replace(result(), message="half well", numerics="8 lanes")
-    store.save(begin_in(store, [sweep()]), [(sweep(), result(), origin)])
+def test_whatever_differs_is_a_conflict_with_both_texts_and_nothing_is_overwritten(store, other, sweep, result, origin):
+    first, theirs = (
+        replace(result(), metrics=(Metric("overshoot", value, "1"), Metric("undefined", math.nan, "1")))
+        for value in (1.5, 1.6)
+    )
+    assert theirs.response is not None
+    response = theirs.response.response.copy()
+    response[1] *= 1 + 1e-3
+    changed = replace(theirs.response, response=response)
+    theirs = replace(theirs, message="half well", numerics="8 lanes", response=changed)
+    store.save(begin_in(store, [sweep()]), [(sweep(), first, origin)])
     other.save(begin_in(other, [sweep()]), [(sweep(), theirs, {})])
     for one, text in ((store, "drifts"), (other, "is fine")):
         one.annotate(sweep().key, text)
     other.tag([sweep().key], "laser")
     (conflict,) = joined(store, other).conflicts
-    assert set(conflict.what) == {"message", "numerics", "origins", "note"}
+    assert set(conflict.what) == {"message", "numerics", "origins", "note", "response", "metrics"}
     assert 'note: "drifts" here, "is fine" there' in conflict.how
     assert 'message: "all well" here, "half well" there' in conflict.how
     assert "estimator proposed: " in conflict.how
+    assert "response: response by " in conflict.how
+    assert "overshoot 1.5 here, 1.6 there" in conflict.how
+    assert "undefined" not in conflict.how  # NaN is equal to itself
     found = store.find(sweep().key)
     assert (found.note, found.message, found.tags) == ("drifts", "all well", ("laser",))
+    assert repr(store.result(sweep().key)) == repr(first)
+    assert len(joined(store, other).conflicts) == 1
 
 
 def test_a_run_that_differs_is_a_conflict(store, other, sweep, result):
@@ -245,8 +239,3 @@ def test_a_known_run_with_a_damaged_sweep_is_no_difference_of_its_sweeps(store, 
     conflicts, damaged = ([of.how for of in found] for found in (merged.run_conflicts, merged.damaged_runs))
     expected = ["1 of its sweeps are damaged here"], ["1 of its 2 sweeps are damaged and not compared"]
     assert (conflicts, damaged) == ((expected[0], []) if here else ([], expected[1]))
-
-
-def test_nan_is_equal_to_itself(result):
-    nan = replace(result(), metrics=(Metric("m", math.nan, "1"),))
-    assert describe_differences(nan, replace(nan)) == ((), "")

@@ -6,7 +6,7 @@ import pytest
 
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import StoreError
-from fraexp.store import Store
+from fraexp.store import Store, liveness
 from fraexp.store.queries import reading
 from tests.store.conftest import reseal
 from tests.waiting import wait_until
@@ -84,27 +84,34 @@ def test_a_point_that_stands_twice_in_a_grid_is_stored_once(store, begin, sweep,
 def test_a_run_whose_process_died_shows_as_interrupted(store, url, program):
     with program(DIES, url) as process:
         assert store.run(1).state == "running"
-        process.kill()
-        process.wait()
+        os.kill(process.pid, signal.SIGKILL)  # a zombie until it is waited for
+        wait_until(lambda: store.run(1).state != "running")
         assert store.run(1).state == "interrupted"
+        process.wait()
     with Store.open(url, read_only=True) as watcher:
         assert [item.state for item in watcher.runs()] == ["interrupted"]
 
 
-def test_a_killed_process_that_nobody_waited_for_counts_as_dead(store, url, program):
+def test_without_proc_the_system_says_whether_the_process_of_a_run_exists(store, url, program, monkeypatch):
+    monkeypatch.setattr(liveness, "_read_stat", lambda pid: None)
     with program(DIES, url) as process:
-        os.kill(process.pid, signal.SIGKILL)  # a zombie until it is waited for
-        wait_until(lambda: store.run(1).state != "running")
+        assert store.run(1).state == "running"
+        process.kill()
+        process.wait()
         assert store.run(1).state == "interrupted"
 
 
 def test_a_run_on_another_host_lives_by_its_heartbeat(store, begin, sql, url, kind):
     run = begin([])
+    silent = datetime.now(UTC) - timedelta(minutes=5)
+    moment = str(silent.replace(tzinfo=None)) if kind == "sqlite" else silent
+    sql("UPDATE run SET heartbeat = :silent", silent=moment)
+    assert store.run(run).state == "running"  # its process is here, and alive
+    store.beat(run)
     sql("UPDATE run SET host = 'elsewhere', pid = 1, boot = 'another'")
     reseal(url)
     assert store.run(run).state == "running"
-    silent = datetime.now(UTC) - timedelta(minutes=5)
-    sql("UPDATE run SET heartbeat = :silent", silent=str(silent.replace(tzinfo=None)) if kind == "sqlite" else silent)
+    sql("UPDATE run SET heartbeat = :silent", silent=moment)
     assert store.run(run).state == "interrupted"
     store.beat(run)
     assert store.run(run).state == "running"

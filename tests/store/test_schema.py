@@ -3,11 +3,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from sqlalchemy.dialects import postgresql
-from sqlalchemy.schema import CreateTable
 
 from fraexp.store import Store
-from fraexp.store.tables import metadata
 
 ROOT = Path(__file__).parents[2]
 MAKES = """
@@ -34,13 +31,6 @@ Store.open(sys.argv[1], create=True)
 """
 
 
-def test_the_tables_can_be_made_in_postgresql():
-    dialect = postgresql.dialect()
-    texts = {table.name: str(CreateTable(table).compile(dialect=dialect)) for table in metadata.sorted_tables}
-    assert "response BYTEA NOT NULL" in texts["frequency_response"]
-    assert "started TIMESTAMP WITH TIME ZONE NOT NULL" in texts["run"]
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize("place", ["1", "20", "commit"])
 def test_a_database_whose_maker_is_killed_is_made_by_the_next(path, program, place):
@@ -61,15 +51,3 @@ def test_several_processes_may_make_the_database_at_once(url):
     assert [racer.wait() for racer in racers] == [0, 0]
     with Store.open(url) as store:
         assert [run.number for run in store.runs()] == [2, 1]
-
-
-def test_opening_a_current_database_imports_nothing_slow(store, path):
-    code = """
-import sys
-from fraexp.store import Store
-with Store.open(sys.argv[1]) as store:
-    store.runs()
-print([name for name in ("numba", "matplotlib", "scipy", "pydantic") if name in sys.modules])
-"""
-    done = subprocess.run([sys.executable, "-c", code, str(path)], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout == "[]\n"

@@ -87,7 +87,6 @@ def test_a_number_that_is_published_of_an_inaccurate_model_may_be_met_by_one() -
         ({"unit": "Hz"}, "metric 'k0': 'm/(N s**2)' is not a unit of the same kind as 'Hz'"),
         ({"where": {}}, "2 sweeps have a metric 'k0': say which one"),
         ({"where": {"case": "nominal"}}, "there is no sweep with case = nominal"),
-        ({"where": {"estimator.method": "conventional"}}, "there is no sweep with estimator.method = conventional"),
         ({"where": {"estimator.method": {"version": 2}}}, "there is no sweep with estimator.method"),
     ],
 )
@@ -162,10 +161,8 @@ def test_every_published_number_of_the_paper_states_its_origin() -> None:
         ((131.99542, 0.0193), "131.995 ± 0.019"),
         ((131.99542, 0.0996), "132.00 ± 0.10"),
         ((397248.4, 1234.0), "397200 ± 1200"),
-        ((397248.4,), "397248"),
         ((-1e-5, 0.2), "0.00 ± 0.20"),
         ((2.0,), "2"),
-        ((2.0, 1e-12), "2"),
         ((176.742, float("nan"), 1.77), "176.7"),
         ((float("nan"), 1.0), "–"),
         ((1.25e-153,), "1.25e-153"),
@@ -180,12 +177,10 @@ def test_numbers_are_rounded_to_the_second_digit_of_their_interval(given: tuple[
     [
         ("m", [1e-7, 1.351e-4, float("nan")], (1e6, "µm")),
         ("m", [1.5e-3, 1e-6], (1e3, "mm")),
-        ("m", [2.0], (1.0, "m")),
         ("m", [0.0], (1.0, "m")),
         ("s", [0.0385], (1e3, "ms")),
         ("m/(N s**2)", [0.132], (1e3, "mm/(N s**2)")),
         ("Hz", [0.01], (1.0, "Hz")),
-        ("N", [0.01], (1.0, "N")),
     ],
 )
 def test_units_are_those_that_people_use(unit: str, values: list[float], expected: tuple[float, str]) -> None:

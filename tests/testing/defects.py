@@ -191,6 +191,32 @@ class Jumping(Element, name="jumping", version=1):
         return z_next[0]
 
 
+class OfVelocity(FrictionModel, name="of_velocity", version=1):
+    """Coulomb 1785, smoothed in a narrow transition, without defect and without memory."""
+
+    states = ()
+
+    @staticmethod
+    def advance(z, dy, dt, z_next):
+        return 10 * math.tanh(dy / dt / 1e-6)
+
+
+class JumpingWithoutStates(OfVelocity, name="jumping_without_states", version=1):
+    """Coulomb 1785: the sign of the velocity, which jumps, without memory."""
+
+    @staticmethod
+    def advance(z, dy, dt, z_next):
+        return math.copysign(10.0, dy)
+
+
+class OfSteps(OfVelocity, name="of_steps", version=1):
+    """Coulomb 1785, with a force of the step, which vanishes with it."""
+
+    @staticmethod
+    def advance(z, dy, dt, z_next):
+        return 1e6 * dy
+
+
 class Leaking(Element, name="leaking", version=1):
     """Jenkins 1962, that forgets a part of its force in every step, however short."""
 
@@ -320,6 +346,8 @@ FRICTION = {
     Drifting: "plain-data",
     Incomplete: "presets",
     Jumping: "continuous",
+    JumpingWithoutStates: "continuous",
+    OfSteps: "refinement",
     Leaking: "refinement",
     Overdriven: "bound",
     Understated: "stiffness",

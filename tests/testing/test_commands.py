@@ -1,6 +1,5 @@
 """``fraexp new`` and ``fraexp check``, as they are typed."""
 
-import json
 import os
 import subprocess
 import sys
@@ -132,14 +131,6 @@ def test_check_reports_what_fails_with_the_smallest_example(
     assert printed.err.startswith("friction bad (bad.py, line ")
     assert "1 check failed: odd; odd: step " in printed.err
     assert sorted(path.name for path in tmp_path.iterdir() if path.name != "__pycache__") == ["bad.py"]
-
-
-@pytest.mark.thorough
-def test_check_prints_one_json_document(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["check", "modal", "--json"]) == ExitCode.OK
-    (report,) = json.loads(capsys.readouterr().out)
-    assert (report["kind"], report["name"], report["sound"]) == ("plant", "modal", True)
-    assert {check["verdict"] for check in report["checks"]} == {"passed"}
 
 
 def test_a_file_that_cannot_be_loaded_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -46,6 +46,11 @@ def test_a_component_without_defect_passes(component: type[Component]) -> None:
     assert [finding.reason for finding in report.findings if finding.verdict is not Verdict.PASSED] == []
 
 
+def test_a_smooth_function_of_the_velocity_passes_however_narrow_its_transition() -> None:
+    checks = [*only(defects.OfVelocity, "continuous"), *only(defects.OfVelocity, "refinement")]
+    assert [found.verdict for found in run_checks(defects.OfVelocity, checks).findings] == [Verdict.PASSED] * 2
+
+
 def test_an_expected_failure_must_fail() -> None:
     expected = {"odd": "one direction is weaker"}
     (found,) = run_checks(defects.Lopsided, only(defects.Lopsided, "odd"), expected).findings
@@ -58,8 +63,3 @@ def test_an_expected_failure_must_fail() -> None:
 def test_an_expected_failure_of_an_unknown_check_is_refused() -> None:
     with pytest.raises(PluginError, match=r"element\.expected_failures: no check 'enrgy'; did you mean 'energy'\?"):
         run_checks(defects.Element, expected_failures={"enrgy": "a slip"})
-
-
-def test_the_smallest_example_is_simple() -> None:
-    (finding,) = run_checks(defects.Lopsided, only(defects.Lopsided, "odd")).findings
-    assert "lopsided(stiffness=4e+05, limit=18); from 0 m to " in finding.example

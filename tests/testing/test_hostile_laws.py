@@ -59,13 +59,11 @@ def test_the_compiler_refuses_a_write_to_what_a_law_may_only_read(name: str, tmp
     ("name", "said"),
     [
         ("random", "uses random: random numbers"),
-        ("random_rarely", "uses random: random numbers"),
         ("clock", "uses time: the clock"),
         ("exits_at_once", "uses os: the operating system"),
         ("counts", "from the same state"),
         ("keeps_list", "from the same state"),
         ("million_states", "a state_size of 1000000; expected a whole number from 0 to 10000"),
-        ("negative_size", "a state_size of -3"),
         ("size_is_text", "a state_size of three"),
         ("returns_none", "a force of None"),
         ("leaves_unwritten", "z_next[3] = nan"),

@@ -1,8 +1,5 @@
 """The trial of a friction law: its numbers, its faults, and that a study gives the same."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -106,14 +103,3 @@ def test_a_law_that_takes_too_long_is_left_to_the_compiler(registry, monkeypatch
     monkeypatch.setattr("fraexp.views.law_trial.MAX_TRIAL_TIME_S", 0.0)
     with pytest.raises(FraexpError, match="too slow for plain Python; run the study"):
         LawTrial(DAHL, SineMotion(), registry).loop()
-
-
-def test_trying_a_law_does_not_need_the_compiler(tmp_path):
-    code = (
-        "import sys; from fraexp.components.registry import discover\n"
-        "from fraexp.views.law_trial import LawTrial, SineMotion\n"
-        "trial = LawTrial({'name': 'dahl', 'stiffness': 1e5, 'coulomb_force': 10.0}, SineMotion(), discover())\n"
-        "trial.describing_function()\n"
-        "assert not {'numba', 'matplotlib'} & set(sys.modules)"
-    )
-    assert subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False).returncode == 0

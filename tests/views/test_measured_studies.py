@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-from fraexp.tui.screens.measurement_plan_page import summary_text
-from fraexp.tui.services.live_measurement import PlanReport
 from fraexp.views.study import study_fields, study_row, survey_study
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -30,11 +28,3 @@ def test_a_study_for_an_autonomous_measurement_names_its_command(tmp_path: Path)
     assert study_row(entry, found, None) == ["axis", "An axis", "measure", "", ""]
     fields = dict(study_fields(entry, found, None))
     assert (fields["error"], fields["plan"]) == ("", "fraexp measure --autonomous axis")
-
-
-def test_the_summary_of_a_plan_has_lines_without_signs_for_them() -> None:
-    plan = PlanReport("", "simulated", (), 0.1, (), (), 57.0, "20 points, 57 s", (1.0, 80.0), 0.1, 0, True)
-    first, second = summary_text((plan,)).splitlines()
-    assert first == "20 points, 57 s on machine 'simulated', each until its band is ±0.1 dB"
-    assert second.startswith("! a measurement with another machine")
-    assert "\\n" not in summary_text((plan,))

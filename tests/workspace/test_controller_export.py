@@ -23,6 +23,7 @@ from tests.components.translation.structured_text import Machine
 from tests.examples import thorough
 
 Sweeps = dict[str, tuple[StoredSweep, Result]]
+Nominal = tuple[WorkspaceService, StoredSweep, Result]
 
 
 def run_study(
@@ -50,6 +51,12 @@ def moves(tmp_path_factory: pytest.TempPathFactory, checkout: Path) -> tuple[Wor
     return run_study(tmp_path_factory.mktemp("moves"), checkout, "fig08")
 
 
+@pytest.fixture
+def nominal(moves: tuple[WorkspaceService, Sweeps]) -> Nominal:
+    workspace, sweeps = moves
+    return workspace, *sweeps["nominal, P_d = P"]
+
+
 @pytest.mark.thorough
 @needs_gcc
 @pytest.mark.parametrize("case", [thorough("nominal, P_d = P"), "identification error, 177 mm/(N s²) and 41.9 Hz"])
@@ -71,11 +78,8 @@ def test_exported_c_runs_the_move_of_fig_8_on_a_machine_that_is_written_apart(
 
 
 @needs_gcc
-def test_c_of_a_whole_controller_agrees_with_plain_python(
-    tmp_path: Path, moves: tuple[WorkspaceService, Sweeps]
-) -> None:
-    workspace, sweeps = moves
-    sweep, result = sweeps["nominal, P_d = P"]
+def test_c_of_a_whole_controller_agrees_with_plain_python(tmp_path: Path, nominal: Nominal) -> None:
+    workspace, sweep, result = nominal
     blocks = replace(controller_parts(sweep, result, workspace.registry), force_limit=1e3).blocks()
     assert [block.name for block in blocks] == [
         "friction",
@@ -92,11 +96,8 @@ def test_c_of_a_whole_controller_agrees_with_plain_python(
 
 
 @pytest.mark.thorough
-def test_structured_text_of_a_whole_controller_agrees_with_plain_python(
-    tmp_path: Path, moves: tuple[WorkspaceService, Sweeps]
-) -> None:
-    workspace, sweeps = moves
-    sweep, result = sweeps["nominal, P_d = P"]
+def test_structured_text_of_a_whole_controller_agrees_with_plain_python(tmp_path: Path, nominal: Nominal) -> None:
+    workspace, sweep, result = nominal
     export_controller(workspace, sweep, result, tmp_path / "axis.st")
     source = (tmp_path / "axis.st").read_text("utf-8")
     assert grammar_error(source) is None
@@ -105,9 +106,8 @@ def test_structured_text_of_a_whole_controller_agrees_with_plain_python(
     assert plc.cycle("axis_self_test", program)["worst_error"] <= 1e-12
 
 
-def test_moves_follow_one_another_and_a_late_target_waits(moves: tuple[WorkspaceService, Sweeps]) -> None:
-    workspace, sweeps = moves
-    sweep, result = sweeps["nominal, P_d = P"]
+def test_moves_follow_one_another_and_a_late_target_waits(nominal: Nominal) -> None:
+    workspace, sweep, result = nominal
     control = controller_parts(sweep, result, workspace.registry).blocks()[-1]
     target = np.concatenate([[2e-3], np.full(40, 3e-3), np.full(200, 2.5e-3)])
     course = np.zeros(5)
@@ -120,10 +120,9 @@ def test_moves_follow_one_another_and_a_late_target_waits(moves: tuple[Workspace
     assert list(dict.fromkeys(origins)) == [2e-3, 3e-3, 2.5e-3]
 
 
-def test_the_observer_gives_the_thrust_that_moves_the_plant(moves: tuple[WorkspaceService, Sweeps]) -> None:
+def test_the_observer_gives_the_thrust_that_moves_the_plant(nominal: Nominal) -> None:
     """On the simulated machine û_e is the acceleration's force: without friction and delay, as the paper's eq (2)."""
-    workspace, sweeps = moves
-    sweep, result = sweeps["nominal, P_d = P"]
+    workspace, sweep, result = nominal
     observer = controller_parts(sweep, result, workspace.registry).blocks()[1]
     (curve,) = [curve for curve in result.curves if "position" in curve.columns]
     thrust, position = curve.columns["thrust"], curve.columns["position"]
@@ -139,11 +138,8 @@ def test_the_observer_gives_the_thrust_that_moves_the_plant(moves: tuple[Workspa
     assert np.abs(effective[moving] - ideal[moving]).max() < 1.5  # N of 60 N: the encoder's steps, and friction between
 
 
-def test_the_limit_is_that_of_the_study_once_it_states_one(
-    tmp_path: Path, moves: tuple[WorkspaceService, Sweeps]
-) -> None:
-    workspace, sweeps = moves
-    sweep, result = sweeps["nominal, P_d = P"]
+def test_the_limit_is_that_of_the_study_once_it_states_one(tmp_path: Path, nominal: Nominal) -> None:
+    workspace, sweep, result = nominal
     study = workspace.folder / "studies" / "fig08.toml"
     before = study.read_text("utf-8")
     for text, expected in ((before, "is not known: state it"), (f"{before}\n[limits]\nforce = 250\n", "LIMIT 250.0")):
@@ -154,11 +150,8 @@ def test_the_limit_is_that_of_the_study_once_it_states_one(
 
 
 @pytest.mark.parametrize("suffix", [".c", thorough(".st")])
-def test_what_cannot_be_written_leaves_no_file(
-    tmp_path: Path, moves: tuple[WorkspaceService, Sweeps], suffix: str
-) -> None:
-    workspace, sweeps = moves
-    sweep, result = sweeps["nominal, P_d = P"]
+def test_what_cannot_be_written_leaves_no_file(tmp_path: Path, nominal: Nominal, suffix: str) -> None:
+    workspace, sweep, result = nominal
     taken = tmp_path / f"axis{suffix}"
     taken.write_text("mine", "utf-8")
     with pytest.raises(FraexpError, match="the file exists; give --force"):
@@ -170,9 +163,8 @@ def test_what_cannot_be_written_leaves_no_file(
     assert [file.name for file in tmp_path.iterdir()] == [taken.name]
 
 
-def test_an_identified_law_comes_before_the_given_one(moves: tuple[WorkspaceService, Sweeps]) -> None:
-    workspace, sweeps = moves
-    sweep, result = sweeps["nominal, P_d = P"]
+def test_an_identified_law_comes_before_the_given_one(nominal: Nominal) -> None:
+    workspace, sweep, result = nominal
     dahl = {"name": "dahl", "version": 1, "stiffness": 2e5, "coulomb_force": 5.0, "viscous_coefficient": 0.0}
     fit = Fit("friction", dahl, (), (), np.empty(0), np.empty((0, 0)))
     parts = controller_parts(sweep, replace(result, fits=(fit,)), workspace.registry)
@@ -181,9 +173,8 @@ def test_an_identified_law_comes_before_the_given_one(moves: tuple[WorkspaceServ
 
 
 @pytest.mark.thorough
-def test_command_line_and_python_write_the_same_code(tmp_path: Path, moves: tuple[WorkspaceService, Sweeps]) -> None:
-    workspace, sweeps = moves
-    sweep, _ = sweeps["nominal, P_d = P"]
+def test_command_line_and_python_write_the_same_code(tmp_path: Path, nominal: Nominal) -> None:
+    workspace, sweep, _ = nominal
     fraexp.Workspace(workspace.folder).sweep(sweep.key[4:12]).export(tmp_path / "axis.st")
     by_command = tmp_path / "command" / "axis.st"
     by_command.parent.mkdir()
