@@ -11,7 +11,7 @@ from fraexp.cli.measurement_meter import MeasurementMeter
 from fraexp.cli.output import print_json, say
 from fraexp.cli.plan_output import plan_document, print_plan
 from fraexp.data.terminal_text import printable
-from fraexp.errors import StudyError
+from fraexp.errors import ConsentError, StudyError
 from fraexp.execution.events import Event
 from fraexp.measurement.consent import Consent
 from fraexp.measurement.measured_points import kept_points
@@ -44,12 +44,17 @@ def execute(arguments: Namespace) -> ExitCode:
 
 
 def _ask_consents(consents: Sequence[Consent]) -> None:
-    """Ask on a terminal for what the study's machine does; without an answer the measurement itself refuses it."""
+    """Ask on a terminal for what the study's machine does; ConsentError if that is not allowed.
+
+    Without a terminal the measurement itself refuses it.
+    """
     for consent in consents if sys.stdin.isatty() else ():
         text = printable(f"the study would {consent.action}")
         print(f"{text}\nallow it, now and later? [y/N] ", end="", file=sys.stderr, flush=True)
         if sys.stdin.readline().strip().lower() in ("y", "yes"):
             consent.remember()
+        else:
+            raise ConsentError("not allowed: nothing was run")
 
 
 def _measure_autonomously(arguments: Namespace, workspace: WorkspaceService) -> ExitCode:

@@ -20,16 +20,14 @@ def execute(arguments: Namespace) -> ExitCode:
         runs, keys = _find_deleted(trash, arguments.ids)
         restored = store.undelete(keys, runs)
     say(f"{deletion_text(len(restored.runs), len(restored.keys))} brought back")
-    newer = len(set(keys) - set(restored.keys))
-    if newer:
-        say(f"{deletion_text(0, newer)} left in the trash: computed again since, with newer results")
+    if newer := set(keys) - set(restored.keys):
+        named = ", ".join(key[4:12] for key in sorted(newer)[:8])
+        say(f"{deletion_text(0, len(newer))} left in the trash: computed again since, with newer results: {named}")
     return ExitCode.OK
 
 
 def _find_deleted(trash: list[Deletion], identifiers: list[str]) -> tuple[list[int], list[str]]:
     """Return the deleted runs and sweeps with these numbers and beginnings of keys."""
-    if not identifiers:
-        return list(trash[0].runs), list(trash[0].keys)
     runs = {str(number): number for of in trash for number in of.runs}
     keys = [key for of in trash for key in of.keys]
     found_runs, found_keys = [], []

@@ -299,13 +299,17 @@ class Store:
     def undelete(self, keys: Sequence[str] = (), runs: Sequence[int] = ()) -> Deletion:
         """Bring sweeps, and runs with their sweeps, back from the trash, and return those that came back.
 
-        Without arguments this undoes the latest deletion. A sweep that was computed again keeps its newer result.
+        Without arguments this undoes the latest deletion of which something can come back. A sweep that was computed
+        again keeps its newer result.
         """
         with self._writing() as connection:
-            if not keys and not runs:
-                latest = (*trash.read_trash(connection), Deletion((), ()))[0]
-                keys, runs = latest.keys, latest.runs
-            return trash.take_from_trash(connection, keys, runs)
+            if keys or runs:
+                return trash.take_from_trash(connection, keys, runs)
+            for deletion in trash.read_trash(connection):
+                restored = trash.take_from_trash(connection, deletion.keys, deletion.runs)
+                if restored.keys or restored.runs:
+                    return restored
+            return Deletion((), ())
 
     def empty_trash(self) -> Deletion:
         """Delete what is in the trash for good, free its space, and return what it was."""

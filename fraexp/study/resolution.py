@@ -214,7 +214,8 @@ class Resolver:
             return
         known = owner.model_fields.keys() | {"name", "version", "preset"}
         for key in section.keys() - known:
-            if other := next((of for of, settings in SETTINGS.items() if key in settings.model_fields), None):
+            other = next((of for of, settings in SETTINGS.items() if key in settings.model_fields), None)
+            if other and not any(key in name for name in owner.model_fields):  # such as 'settling_tolerance'
                 raise StudyError(f"{where}: {section['name']} has no parameter '{key}'; it belongs into [{other}]")
 
     def _make_record(self, section: Any, where: str) -> tuple[Plain, Mapping[str, str]]:

@@ -50,7 +50,8 @@ def export_controller(
     FraexpError if the sweep has neither friction nor feedback, or the file cannot be written; PluginError names the
     line of a law that cannot be translated.
     """
-    parts = replace(controller_parts(sweep, result, service.registry), force_limit=stated_force_limit(service, sweep))
+    limit, origin = stated_force_limit(service, sweep)
+    parts = replace(controller_parts(sweep, result, service.registry), force_limit=limit)
     name = re.sub(r"\W+", "_", path.stem, flags=re.ASCII).strip("_").lower() or "axis"
     name = name if name[0].isalpha() else f"axis_{name}"
     blocks = parts.blocks()
@@ -59,12 +60,15 @@ def export_controller(
             f"{path.name}: sweep {sweep.key[4:12]} has no friction model and no feedback; expected a "
             "simulated machine, or a result that identified friction"
         )
-    text = CODE_WRITERS[path.suffix.lower()](blocks, name, [*_notes(sweep, result), STATES_NOTE], is_single)
+    text = CODE_WRITERS[path.suffix.lower()](blocks, name, [*_notes(sweep, result), *origin, STATES_NOTE], is_single)
     write_file(path, lambda draft: draft.write_text(text, encoding="utf-8"), force=force)
 
 
-def stated_force_limit(service: WorkspaceFolder, sweep: StoredSweep) -> float | None:
-    """Return `limits.force` [N] of the latest study of the sweep's experiment that states it, or None."""
+def stated_force_limit(service: WorkspaceFolder, sweep: StoredSweep) -> tuple[float | None, list[str]]:
+    """Return `limits.force` [N] of the latest study of the sweep's experiment that states it, and a note of its file.
+
+    None without a note if no study states it.
+    """
     with service.open_store() as store:
         for run in sorted(store.runs(), key=lambda run: run.number, reverse=True):
             file = Path(run.study_file)
@@ -74,8 +78,8 @@ def stated_force_limit(service: WorkspaceFolder, sweep: StoredSweep) -> float | 
                     rotary = is_rotary(sweep.experiment)
                     limits = [MotionLimits.parse(case.get("limits", {}), "limits", rotary=rotary) for case in cases]
                     if found := [each.force for each in limits if each.force is not None]:
-                        return min(found)
-    return None
+                        return min(found), [f"The force limit is limits.force of {file.name}, as it is now."]
+    return None, []
 
 
 def _notes(sweep: StoredSweep, result: Result) -> list[str]:

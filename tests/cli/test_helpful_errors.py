@@ -31,6 +31,7 @@ def error_of(text: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> str
             f"{HEAD}sample_time = 0.001\n{ESTIMATOR}",
             "[excitation]: stepped_sine has no parameter 'sample_time'; it belongs into [loop]",
         ),
+        (f"{HEAD}tolerance = 0.001\n{ESTIMATOR}", "no parameter 'tolerance'; did you mean 'settling_tolerance'?"),
         (f'{HEAD}[grid]\nestimator = ["conventional"]', "expected a table such as { name = 'conventional' }"),
         (
             f"{HEAD}{ESTIMATOR}[grid]\nexcitation.amplitude = [1, 2]",

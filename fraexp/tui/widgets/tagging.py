@@ -35,10 +35,9 @@ class UndeletingPage(Page):
 
 def _undelete_last(store: Store) -> str:
     """Bring back the latest deletion of which something can come back, and return in words what did."""
-    for deletion in store.trash():
-        restored = store.undelete(deletion.keys, deletion.runs)
-        if restored.runs or restored.keys:
-            return f"{deletion_text(len(restored.runs), len(restored.keys))} brought back"
+    restored = store.undelete()
+    if restored.runs or restored.keys:
+        return f"{deletion_text(len(restored.runs), len(restored.keys))} brought back"
     return "nothing to bring back: the trash is empty, or its sweeps were computed again"
 
 
