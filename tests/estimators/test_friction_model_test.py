@@ -42,7 +42,7 @@ def diagnosed(signals, **given):
     return result, {metric.name: metric.value for metric in result.metrics}
 
 
-@pytest.mark.parametrize("scale", some(["force_scale", "width_scale"], "force_scale"))
+@pytest.mark.parametrize("scale", some(["force_scale", "displacement_scale"], "force_scale"))
 @pytest.mark.parametrize("sign", some([1, -1], 1))
 def test_the_scatter_orders_the_errors_of_the_model(signals, scale, sign):
     """Least for the right model and greater for 1, 3 and 10 %, on either side, in every band that friction reaches."""
