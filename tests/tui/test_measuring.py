@@ -211,7 +211,7 @@ def test_leaving_the_screen_keeps_measuring_and_every_screen_says_so(endless):
         assert live.state == "stopped"
 
     pilot_of(endless, steps)
-    assert [event["event"] for event in machine_events(endless)] == ["play", "rest"]
+    assert [event["event"] for event in machine_events(endless)[-2:]] == ["play", "rest"]
 
 
 @pytest.mark.thorough
@@ -223,7 +223,7 @@ def test_the_machine_stops_by_its_watchdog_if_the_measuring_process_is_killed(en
         await until(pilot, lambda: last_event(endless) == "rest")
 
     pilot_of(endless, steps)
-    assert [event["event"] for event in machine_events(endless)] == ["play", "watchdog", "rest"]
+    assert [event["event"] for event in machine_events(endless)[-3:]] == ["play", "watchdog", "rest"]
 
 
 DRIVEN = """
@@ -249,7 +249,7 @@ def test_the_machine_stops_softly_if_the_terminal_ui_is_killed(endless):
         assert ui.stdout.readline() == b"playing\n"
         ui.kill()
     wait_until(lambda: last_event(endless) == "rest")
-    assert [event["event"] for event in machine_events(endless)] == ["play", "rest"]  # before its watchdog
+    assert [event["event"] for event in machine_events(endless)[-2:]] == ["play", "rest"]  # before its watchdog
 
 
 @pytest.mark.thorough
