@@ -322,7 +322,8 @@ def test_points_of_an_earlier_measurement_are_kept_or_discarded_by_a_key(axis):
         assert isinstance(app.screen, MeasurementPlanPage)
 
     pilot_of(axis, steps)
-    assert [event["event"] for event in machine_events(axis)].count("play") == 4
+    played = [event["number"] for event in machine_events(axis) if event["event"] == "play"]
+    assert played.count(1) == 2, played  # the second point of both measurements; the first has the number of a rest
     assert len(MeasurementFiles(axis / "measurements", "axis").points()) == 2
 
 

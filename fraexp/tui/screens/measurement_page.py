@@ -45,7 +45,7 @@ class MeasurementState(Static):
 
     DEFAULT_CSS = """
     MeasurementState { height: 3; padding: 0 1; text-wrap: nowrap; text-overflow: ellipsis; }
-    MeasurementState.-ended { height: auto; min-height: 3; max-height: 8; }
+    MeasurementState.-ended { height: auto; min-height: 3; max-height: 8; text-wrap: wrap; text-overflow: fold; }
     """
 
     def __init__(self) -> None:
