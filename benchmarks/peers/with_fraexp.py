@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from accuracy import FRICTION, PLANT, REGISTRY, SECTIONS
+from paper_machine import FRICTION, PAPER, PLANT, REGISTRY
 
 from fraexp.components.kinds import Controller, Excitation
 from fraexp.components.periods import Period, Schedule
@@ -36,8 +36,8 @@ class Given(Excitation):
 
 def prepare(problem: Problem, steps: int) -> Run:
     """Return the simulation; discretising the machine is part of each run."""
-    controller = create(REGISTRY, Controller, SECTIONS["controller"])
-    loop = ControlLoop.parse({**SECTIONS["loop"], "resolution": 0.0}, "loop")
+    controller = create(REGISTRY, Controller, PAPER["controller"])
+    loop = ControlLoop.parse({**PAPER["loop"], "resolution": 0.0}, "loop")
     machine = Machine(PLANT, FRICTION, controller, loop, Numerics(steps_per_sample=steps))
     excitation = Given(waveforms=problem.excitation)
 
