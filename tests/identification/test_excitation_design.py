@@ -6,10 +6,10 @@ from itertools import product
 import numpy as np
 import pytest
 from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES, FreeParameters, nonzero_numbers
-from fraexp_plugins.identification.whole_record._shared.plan_search import PlanSearch
-from fraexp_plugins.identification.whole_record._shared.planned_records import (
+from fraexp_plugins.identification.whole_record._shared.plan_search import (
     Plan,
     PlannedRecord,
+    PlanSearch,
     planned_records,
 )
 

@@ -13,7 +13,7 @@ from fraexp_plugins.estimators._shared.realisations import Part, circular_covari
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.identification._shared.friction_curves import virgin_curve
-from fraexp_plugins.identification._shared.usable_signals import usable_signals
+from fraexp_plugins.identification._shared.usable_records import usable_signals
 from fraexp_plugins.identification.autonomous._shared.autonomous_elements import fit_elements
 from fraexp_plugins.identification.autonomous._shared.autonomous_lines import (
     ElementObserver,

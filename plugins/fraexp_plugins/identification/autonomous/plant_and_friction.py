@@ -14,7 +14,7 @@ from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE, virgin_curve
-from fraexp_plugins.identification._shared.usable_signals import usable_signals
+from fraexp_plugins.identification._shared.usable_records import usable_signals
 from fraexp_plugins.identification.autonomous._shared.autonomous_elements import (
     AutonomousElements,
     fit_elements,

@@ -35,8 +35,12 @@ from fraexp_plugins.identification.whole_record._shared.free_parameters import (
     nonzero_numbers,
 )
 from fraexp_plugins.identification.whole_record._shared.noise_level import NOISE
-from fraexp_plugins.identification.whole_record._shared.plan_search import PlanSearch
-from fraexp_plugins.identification.whole_record._shared.planned_records import Plan, PlannedRecord, planned_records
+from fraexp_plugins.identification.whole_record._shared.plan_search import (
+    Plan,
+    PlannedRecord,
+    PlanSearch,
+    planned_records,
+)
 from fraexp_plugins.identification.whole_record.maximum_likelihood import MaximumLikelihood
 
 UNIFORM, DESIGNED = "uniform plan", "designed plan"

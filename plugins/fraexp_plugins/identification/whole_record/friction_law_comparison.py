@@ -11,8 +11,7 @@ from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
-from fraexp_plugins.identification._shared.usable_signals import usable_signals
-from fraexp_plugins.identification.whole_record._shared.contact_check import check_one_contact
+from fraexp_plugins.identification._shared.usable_records import check_one_contact, usable_signals
 from fraexp_plugins.identification.whole_record._shared.fitted_records import Fitted
 from fraexp_plugins.identification.whole_record._shared.free_parameters import DEAD_TIME, SCALES
 from fraexp_plugins.identification.whole_record._shared.law_starts import rough_friction

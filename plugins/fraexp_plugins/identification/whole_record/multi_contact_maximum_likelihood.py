@@ -15,16 +15,13 @@ from fraexp.api import (
 )
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.friction.none import Frictionless
-from fraexp_plugins.identification._shared.usable_signals import usable_signals
-from fraexp_plugins.identification.whole_record._shared.contact_check import check_one_thrust
+from fraexp_plugins.identification._shared.usable_records import check_one_thrust, check_segments, usable_signals
 from fraexp_plugins.identification.whole_record._shared.contact_parameters import ContactModels, ContactParameters
 from fraexp_plugins.identification.whole_record._shared.fit_report import FitReport
-from fraexp_plugins.identification.whole_record._shared.fitted_records import LAST_GAIN, Fitted
+from fraexp_plugins.identification.whole_record._shared.fitted_records import LAST_GAIN, Fitted, replay_error
 from fraexp_plugins.identification.whole_record._shared.noise_level import noise_in_records
 from fraexp_plugins.identification.whole_record._shared.record_fit import RecordFit, State
-from fraexp_plugins.identification.whole_record._shared.replay_error import replay_error
 from fraexp_plugins.identification.whole_record._shared.replayed_record import ReplayedRecord
-from fraexp_plugins.identification.whole_record._shared.segment_check import check_segments
 from fraexp_plugins.identification.whole_record._shared.staged_fit import (
     MAX_PARAMETER_STD,
     MAX_START_RATIO,

@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Fit, FrequencyResponse, RecordError, Result
-from fraexp_plugins.identification.plant._shared.log_response import log_response
-from fraexp_plugins.identification.plant._shared.modal_model import ModalModel
-from fraexp_plugins.identification.plant._shared.modal_order import fit_of_order
-from fraexp_plugins.identification.plant._shared.modal_solver import Solution
+from fraexp_plugins.identification.plant._shared.modal_model import ModalModel, log_response
+from fraexp_plugins.identification.plant._shared.modal_solver import Solution, fit_of_order
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 
 MAX_ITERATIONS, CONVERGED_STDS = 6, 0.01

@@ -1,6 +1,9 @@
 """The weighted log-residual least-squares fit of a modal model, with the covariance of its parameters."""
 
-from dataclasses import dataclass
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -9,10 +12,181 @@ from numpy.typing import NDArray
 
 from fraexp.api import RecordError
 from fraexp_plugins.identification._shared.levenberg_marquardt import IterationStep, minimise
-from fraexp_plugins.identification.plant._shared.log_response import LogResponse
-from fraexp_plugins.identification.plant._shared.modal_model import ModalModel
-from fraexp_plugins.identification.plant._shared.modal_starts import ModeDictionary, start_vectors
-from fraexp_plugins.identification.plant._shared.whiteness import neighbour_correlation
+from fraexp_plugins.identification.plant._shared.modal_model import LogResponse, ModalModel, resonators
+
+MAX_LAGS = 10
+
+
+def whiteness(residuals: NDArray[np.float64], parts: int) -> float:
+    """Return the probability that white residuals are as correlated as these or more: small for a wrong model.
+
+    `residuals` holds n real parts, and n imaginary ones if there are two parts. The portmanteau statistic
+    n(n + 2) Σ |ρ_k|²/(n - k) over the first lags, doubled for circular complex residuals, is χ² distributed with one
+    degree of freedom for each lag and part: G. M. Ljung and G. E. P. Box, Biometrika 65(2), 1978,
+    doi 10.1093/biomet/65.2.297.
+    """
+    from scipy.special import chdtrc  # slow to import: only when something is estimated
+
+    values = _as_sequence(residuals, parts)
+    n = values.size
+    power = float(np.sum(np.abs(values) ** 2))
+    lags = min(MAX_LAGS, n // 4)
+    if power == 0 or lags == 0:
+        return float("nan")
+    statistic = 0.0
+    for lag in range(1, lags + 1):
+        correlation = np.sum(values[lag:] * np.conj(values[:-lag])) / power
+        statistic += abs(correlation) ** 2 / (n - lag)
+    return float(chdtrc(parts * lags, parts * n * (n + 2) * statistic))
+
+
+def neighbour_correlation(residuals: NDArray[np.float64], parts: int) -> tuple[float, float]:
+    """Return the correlation of neighbouring residuals, and the probability of this or a larger one if they are white.
+
+    The correlation of n white residuals is normally distributed with the variance 1/(parts n).
+    """
+    from scipy.special import ndtr
+
+    values = _as_sequence(residuals, parts)
+    power = float(np.sum(np.abs(values) ** 2))
+    if power == 0:
+        return 0.0, 1.0
+    correlation = float(np.sum((values[1:] * np.conj(values[:-1])).real)) / power
+    return correlation, float(ndtr(-correlation * np.sqrt(parts * values.size)))
+
+
+def _as_sequence(residuals: NDArray[np.float64], parts: int) -> NDArray[np.float64]:
+    rows = residuals.reshape(parts, -1)
+    return rows[0] + 1j * rows[1] if parts == 2 else rows[0]
+
+
+TRIAL_DAMPING_RATIOS = (0.01, 0.03, 0.1)
+TRIAL_FREQUENCY_COUNT = 250
+FREQUENCY_RANGE_FACTOR = 1.25
+"""Highest natural frequency that is tried, over the upper limit of the frequency range."""
+MAX_DELAY_TURNS, STEPS_PER_TURN = 2.0, 8
+"""Largest dead time that is tried, in turns of the phase at the upper frequency limit, and steps for each turn."""
+TRIAL_RATES = (0.1, 1.0, 6.0)
+"""Rates k0 D of the viscous rigid body that are tried, over ω_l."""
+LAST_MODE_CHOICES, CHOICE_DISTANCE = 3, 6
+"""Choices of the last mode that are tried if the other modes are given, and their distance in steps of f."""
+WEIGHT_EXPONENTS = (1.0, 0.5)
+"""Exponents x of the weights |Ĝ|^-x: the first favours the anti-resonances, the second the resonances."""
+
+
+class ModeDictionary:
+    """Trial modes of a response, as rows of a linear least-squares problem for each weight."""
+
+    def __init__(self, data: LogResponse) -> None:
+        self.data = data
+        grid = np.geomspace(data.frequency[0], FREQUENCY_RANGE_FACTOR * data.frequency[-1], TRIAL_FREQUENCY_COUNT)
+        self.atoms = np.array([(f, z) for z in TRIAL_DAMPING_RATIOS for f in grid])
+        """Pairs (f [Hz], ζ), shape (m, 2)."""
+        modes = resonators(data.s, 2 * np.pi * self.atoms[:, 0], self.atoms[:, 1])
+        self.weights: list[NDArray[np.float64]] = [np.abs(data.response) ** -exponent for exponent in WEIGHT_EXPONENTS]
+        self.rows = [_real(modes * weight) for weight in self.weights]
+        self.powers = [np.sum(rows**2, axis=1) for rows in self.rows]
+
+
+def start_vectors(
+    model: ModalModel,
+    dictionary: ModeDictionary,
+    modes: NDArray[np.float64],
+    ends: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
+) -> Iterator[NDArray[np.float64]]:
+    """Yield start vectors p; they keep `modes`, pairs (f [Hz], ζ), shape (m, 2), not more than model.modes.
+
+    `ends` are the rates k0 D [rad/s] and the dead times [s] to try, by default a grid.
+
+    For given poles and dead time the response is linear in k0 and k0 r_i. For each dead time and weight the mode that
+    reduces the squared error of that linear fit most is added, until there are enough (orthogonal matching pursuit:
+    Y. C. Pati, R. Rezaiifar and P. S. Krishnaprasad, Asilomar Conf. 1993, doi 10.1109/ACSSC.1993.342465).
+    """
+    data, count = dictionary.data, model.modes - len(modes)
+    kept = resonators(data.s, 2 * np.pi * modes[:, 0], modes[:, 1])
+    rates, times = ends or (_rates(model), _dead_times(model, data))
+    for rate, time in itertools.product(rates.tolist(), times.tolist()):
+        rigid = 1 / (data.s**2 + rate * data.s)
+        advance: NDArray[np.complex128] = np.exp(data.s * time)
+        undelayed = data.response * advance
+        for weight, rows, power in zip(dictionary.weights, dictionary.rows, dictionary.powers, strict=True):
+            rigid_and_modes: NDArray[np.complex128] = np.vstack([rigid, kept])
+            basis, target = _real(rigid_and_modes * weight), _real(undelayed * weight)
+            for places in _pursue(basis, (rows, power), target, count, 1 if ends is None else LAST_MODE_CHOICES):
+                gains = _coefficients(np.vstack([basis, rows[places]]), target)
+                if gains[0] > 0:
+                    poles = np.concatenate([modes, dictionary.atoms[places]])
+                    yield _vector(model, gains, poles, rate, time)
+
+
+def _real(values: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return real parts and then imaginary parts along the last axis."""
+    return np.concatenate([values.real, values.imag], axis=-1)
+
+
+def _rates(model: ModalModel) -> NDArray[np.float64]:
+    """Return the rates k0 D [rad/s] to try."""
+    return np.array(TRIAL_RATES) * model.rate_unit if model.fit_viscous else np.zeros(1)
+
+
+def _dead_times(model: ModalModel, data: LogResponse) -> NDArray[np.float64]:
+    """Return the dead times [s] to try."""
+    if model.dead_time is not None:
+        return np.array([model.dead_time])
+    return np.arange(-1, MAX_DELAY_TURNS * STEPS_PER_TURN + 1) / (STEPS_PER_TURN * data.frequency[-1])
+
+
+def _pursue(
+    basis: NDArray[np.float64],
+    dictionary: tuple[NDArray[np.float64], NDArray[np.float64]],
+    target: NDArray[np.float64],
+    count: int,
+    last: int,
+) -> Iterator[list[int]]:
+    """Yield the `count` rows of the dictionary that describe the target best, with `last` choices of the last row.
+
+    The basis is always in the fit. The dictionary is its rows and their sums of squares.
+    """
+    places: list[int] = []
+    rows, power = dictionary
+    for _ in range(count - 1):
+        places.append(int(np.argmax(_error_reduction(np.vstack([basis, rows[places]]), rows, power, target))))
+    if not count:
+        yield places
+        return
+    gain = _error_reduction(np.vstack([basis, rows[places]]), rows, power, target).reshape(
+        len(TRIAL_DAMPING_RATIOS), -1
+    )
+    for _ in range(last):
+        damping, place = np.unravel_index(np.argmax(gain), gain.shape)
+        yield [*places, int(damping * gain.shape[1] + place)]
+        gain[:, max(place - CHOICE_DISTANCE, 0) : place + CHOICE_DISTANCE + 1] = -1.0
+
+
+def _error_reduction(
+    basis: NDArray[np.float64], rows: NDArray[np.float64], power: NDArray[np.float64], target: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return how much each row reduces the squared error of a linear fit with the basis, shape (rows,)."""
+    orthogonal, _ = np.linalg.qr(basis.T)
+    residual = target - orthogonal @ (orthogonal.T @ target)
+    new = power - np.sum((rows @ orthogonal) ** 2, axis=1)
+    usable = new > 1e-6 * power
+    return np.where(usable, (rows @ residual) ** 2 / np.where(usable, new, 1.0), -1.0)
+
+
+def _coefficients(basis: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    scale = np.linalg.norm(basis, axis=1)
+    coefficients, *_ = np.linalg.lstsq((basis / scale[:, None]).T, target, rcond=None)
+    return np.asarray(coefficients / scale)
+
+
+def _vector(
+    model: ModalModel, gains: NDArray[np.float64], poles: NDArray[np.float64], rate: float, time: float
+) -> NDArray[np.float64]:
+    modes = np.column_stack([np.log(poles), gains[1:] / gains[0]])
+    ends = [rate / model.rate_unit] * model.fit_viscous + [time / model.time_unit] * (model.dead_time is None)
+    return model.sort_modes(np.concatenate([[np.log(gains[0])], modes.ravel(), ends]))
+
 
 MAX_TRIAL_DELAYS, MAX_TRIAL_STARTS, TRIAL_EVALUATIONS = 4, 6, 25
 """Dead times and start values from which trial fits begin, and evaluations of each; only the best one goes on."""
@@ -279,3 +453,202 @@ def descend(
 
     minimum = minimise(step_of, lambda p, step: np.clip(p + step, low, high), p, evaluations)
     return Descent(minimum.place, minimum.iterations < evaluations)
+
+
+NORMAL_QUANTILE = 1.959964
+"""Half width of a 95 % interval in standard deviations."""
+MAX_PEAK_DAMPING = np.sqrt(0.5)
+"""Damping ratio from which a mode has no resonance peak: such a mode follows the remains of friction."""
+MAX_OUTSIDE_FREQUENCY_ERROR = 0.05
+"""Relative half width of the 95 % interval of a natural frequency up to which it may lie outside of the range."""
+MIN_RATIO_STDS = 3.0
+"""Standard deviations from 0 that a modal gain ratio needs when points are left out."""
+
+
+def unsupported_parts(solution: Solution) -> tuple[str, ...]:
+    """Return rigid body and modes that the data do not support, each with the reason; empty if they support all.
+
+    A modal gain ratio must be significant with points left out too; otherwise scatter at a few points makes a mode.
+    A mode outside of the frequency range is supported if its natural frequency is known to 5 %, with points left out
+    too, as that of a mode whose antiresonance lies within the range is.
+    """
+    if any(name == "rigid_body_gain" or "." not in name for name in solution.unidentifiable):
+        return (f"an estimate of {', '.join(solution.unidentifiable)}",)
+    return (*_rigid_body(solution), *_modes(solution))
+
+
+def _rigid_body(solution: Solution) -> Iterator[str]:
+    std = np.sqrt(solution.covariance[0, 0])
+    if std * MIN_GAIN_STDS > 1:
+        gain = np.exp(solution.p[0])
+        yield f"a rigid body (k0 = {gain:.2g} ± {NORMAL_QUANTILE * gain * std:.1g}: may be 0)"
+
+
+def _modes(solution: Solution) -> Iterator[str]:
+    model, axes = solution.model, np.eye(solution.p.size)
+    for number, (frequency, zeta) in enumerate(model.poles(solution.p)):
+        place = 1 + 3 * number
+        ratio = solution.p[place + 2]
+        half = NORMAL_QUANTILE * zeta * np.sqrt(max(solution.covariance[place + 1, place + 1], 0.0))
+        scatter = _std(solution, axes[place + 2] + ratio * axes[0])  # of k0 r, over k0
+        uncertainty = NORMAL_QUANTILE * _std(solution, axes[place])
+        is_outside = not model.min_frequency <= frequency <= model.max_frequency
+        if is_outside and not uncertainty <= MAX_OUTSIDE_FREQUENCY_ERROR:
+            why = f"outside of {model.min_frequency:.4g} to {model.max_frequency:.4g} Hz, and uncertain"
+            why += f" by {uncertainty:.0%}" if uncertainty < 1 else ""
+        elif f"modal_gain_ratios.{number}" in solution.unidentifiable or abs(ratio) < MIN_RATIO_STDS * scatter:
+            why = f"its modal gain ratio {ratio:.2g} ± {NORMAL_QUANTILE * scatter:.1g} may be noise"
+        elif zeta <= half:
+            why = f"its damping ratio {zeta:.2g} ± {half:.1g} may be 0"
+        elif zeta + half >= MAX_PEAK_DAMPING:
+            why = f"its damping ratio {zeta:.2g} ± {half:.1g} may leave no resonance peak"
+        else:
+            continue
+        yield f"a mode at {frequency:.4g} Hz ({why})"
+
+
+def _std(solution: Solution, slope: NDArray[np.float64]) -> float:
+    """Return the standard deviation of a quantity from its slope by p, shape (size,), with points left out too."""
+    return float(np.sqrt(max(slope @ solution.covariance @ slope, slope @ solution.jackknife @ slope)))
+
+
+EXTRA_MODES = 2
+"""Modes that are tried after one that did not help: two modes close together may help only as a pair."""
+FOLDS = 5
+"""Parts of the points that are held out in turn."""
+NEGLIGIBLE_GAIN = 0.01
+"""Gain that counts as none, relative to the error that noise explains."""
+
+
+def mode_limit(data: LogResponse, model: ModalModel) -> int:
+    """Return the largest number of modes that the points can determine; -1 if they are too few for a rigid body.
+
+    A mode needs two points of its own, and two residuals must remain.
+    """
+    rest = replace(model, modes=0).size
+    return max(min((data.frequency.size - 3) // 2, (data.count - 2 - rest) // 3), -1)
+
+
+def information_criterion(solution: Solution, correlation_factor: float = 1.0) -> float:
+    """Return the extended Bayesian information criterion: M ln(χ²/M) + p ln M + 2 m ln n of m modes, M residuals.
+
+    The last term is the price of the search: the best of n places always explains some noise. J. Chen and Z. Chen,
+    Biometrika 95(3), 2008, doi 10.1093/biomet/asn034. A cost below the expectation by noise is no gain.
+    `correlation_factor` is the number of correlated residuals that count as one.
+    """
+    data, size = solution.data, solution.model.size
+    cost, count = max(solution.cost, data.expected), data.count / correlation_factor
+    price = size * np.log(max(count, math.e)) + 2 * solution.model.modes * np.log(data.frequency.size)
+    return float(count * np.log(cost / data.count) + price)
+
+
+def nested_fits(model: ModalModel, data: LogResponse, max_order: int) -> Iterator[Solution]:
+    """Yield the fits of 0, 1… modes up to `max_order`, each started from the last."""
+    before = None
+    for modes in range(max_order + 1):
+        try:
+            before = solve(replace(model, modes=modes), data, before)
+        except RecordError:  # the fit with one mode more may succeed
+            continue
+        yield before
+
+
+@dataclass(frozen=True)
+class OrderChoice:
+    """The chosen number of modes."""
+
+    solution: Solution | None
+    """The fit, all of whose modes the data support; None if there is none."""
+    dropped: str
+    """What the data do not support in fits with smaller residuals, and why; empty if there is nothing."""
+
+
+def chosen_by_information(model: ModalModel, data: LogResponse, max_order: int) -> OrderChoice:
+    """Return the fit with the smallest information criterion among those whose modes the data support."""
+    found: list[Solution] = []
+    for solution in nested_fits(model, data, max_order):
+        found.append(solution)
+        if solution.model.modes >= min(found, key=information_criterion).model.modes + EXTRA_MODES:
+            break
+    if not found:
+        return OrderChoice(None, "")
+    best = min(found, key=information_criterion)
+    return _first_supported(found, lambda one: information_criterion(one, best.correlation_factor))
+
+
+def chosen_by_hold_out(model: ModalModel, data: LogResponse, max_order: int) -> OrderChoice:
+    """Return the fit with the fewest modes that predicts held-out points as well as the best.
+
+    As well is within one standard error of the difference (one-standard-error rule: L. Breiman et al., Classification
+    and Regression Trees, 1984, section 3.4.3).
+    """
+    errors: dict[int, NDArray[np.float64]] = {}
+    found: list[Solution] = []
+    for solution in nested_fits(model, data, max_order):
+        modes = solution.model.modes
+        error = _held_out_errors(solution, data)
+        if error is not None:
+            errors[modes] = error
+            found.append(solution)
+        if modes >= min(errors, key=lambda one: float(np.mean(errors[one])), default=modes) + EXTRA_MODES:
+            break
+    if not found:
+        return OrderChoice(None, "")
+    best = min(found, key=lambda one: float(np.mean(errors[one.model.modes])))
+
+    def rank(one: Solution) -> float:
+        difference = errors[one.model.modes] - errors[best.model.modes]
+        negligible = max(
+            float(np.std(difference)) / np.sqrt(difference.size), NEGLIGIBLE_GAIN * data.expected / data.frequency.size
+        )
+        loss = float(np.mean(difference))
+        return -1.0 / (1 + one.model.modes) if loss <= negligible else loss
+
+    return _first_supported(found, rank)
+
+
+def _first_supported(found: list[Solution], rank: Callable[[Solution], float]) -> OrderChoice:
+    """Return the first fit by rank without unsupported parts, and the shortest list of those in the fits before it."""
+    fewest: tuple[str, ...] = ()
+    for solution in sorted(found, key=rank):
+        unsupported = unsupported_parts(solution)
+        if not unsupported:
+            return OrderChoice(solution, "; ".join(fewest))
+        fewest = unsupported if not fewest or len(unsupported) < len(fewest) else fewest
+    return OrderChoice(None, "; ".join(fewest))
+
+
+def _held_out_errors(solution: Solution, data: LogResponse) -> NDArray[np.float64] | None:
+    """Return the weighted squared error of each point in a fit to the others, shape (n,); None if a fit fails.
+
+    The fits to the others start where the fit to all points ended.
+    """
+    model = solution.model
+    errors = np.empty(data.frequency.size)
+    places = np.arange(data.frequency.size)
+    for fold in range(FOLDS):
+        out = places[fold::FOLDS]
+        descent = descend(model, data.subset(np.setdiff1d(places, out)), solution.p)
+        if not descent.converged:
+            return None
+        held = data.subset(out)
+        error = held.error(model.log_response(descent.p, held.s))
+        errors[out] = np.sum(held.weighted_parts(error).reshape(held.parts, -1) ** 2, axis=0)
+    return errors
+
+
+def fit_of_order(model: ModalModel, data: LogResponse) -> Solution:
+    """Return the fit of model.modes modes; RecordError if the data determine fewer."""
+    if model.modes == 0:
+        return solve(model, data)
+    try:
+        fewer = solve(replace(model, modes=model.modes - 1), data)
+    except RecordError:  # only this number of modes has to succeed
+        return solve(model, data)
+    solution = solve(model, data, fewer)
+    if information_criterion(fewer) <= information_criterion(solution):
+        raise RecordError(
+            f"modal_fit: the response supports fewer than {count_text(model.modes, 'mode')}: the last one improves the "
+            f"fit no more than noise; set modes to {fewer.model.modes} or less, or leave it out"
+        )
+    return solution

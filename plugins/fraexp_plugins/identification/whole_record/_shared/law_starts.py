@@ -11,7 +11,7 @@ from fraexp_plugins.friction.dahl import Dahl
 from fraexp_plugins.friction.lugre import LuGre
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES
-from fraexp_plugins.identification.whole_record._shared.scale_search import ScaleSearch
+from fraexp_plugins.identification.whole_record._shared.staged_fit import ScaleSearch
 
 FORCE_RATIO, FORCE_RANGE = 0.55, 5.5
 """Coulomb force over the largest control input that is tried first, and the largest factor on it."""

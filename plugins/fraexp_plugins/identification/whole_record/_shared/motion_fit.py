@@ -22,8 +22,7 @@ from fraexp_plugins.identification.whole_record._shared.free_parameters import (
     Models,
     nonzero_numbers,
 )
-from fraexp_plugins.identification.whole_record._shared.observed_start import ObservedStart
-from fraexp_plugins.identification.whole_record._shared.staged_fit import StagedFit
+from fraexp_plugins.identification.whole_record._shared.staged_fit import ObservedStart, StagedFit
 from fraexp_plugins.plants.modal import Modal
 
 HARMONICS, MIN_SAMPLES = (1, 3, 5, 7, 9), 10

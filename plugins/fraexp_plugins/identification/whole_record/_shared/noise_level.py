@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Signals
-from fraexp_plugins.identification.whole_record._shared.interval_likelihood import interval_loss
-from fraexp_plugins.identification.whole_record._shared.joint_fit import LinearRecord
+from fraexp_plugins.identification.whole_record._shared.joint_fit import LinearRecord, interval_loss
 
 NOISE = "noise"
 """Name of the noise among the free parameters."""

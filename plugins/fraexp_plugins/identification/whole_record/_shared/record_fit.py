@@ -9,10 +9,19 @@ from numpy.typing import NDArray
 
 from fraexp.api import ParameterError
 from fraexp_plugins.identification.whole_record._shared.free_parameters import FreeParameters, Models
-from fraexp_plugins.identification.whole_record._shared.interval_likelihood import interval_loss
-from fraexp_plugins.identification.whole_record._shared.joint_fit import FitStep, LinearRecord, Prior, fit_linear
-from fraexp_plugins.identification.whole_record._shared.record_preparation import prepared_records
-from fraexp_plugins.identification.whole_record._shared.replayed_record import ReplayedRecord, Trial, positions_of
+from fraexp_plugins.identification.whole_record._shared.joint_fit import (
+    FitStep,
+    LinearRecord,
+    Prior,
+    fit_linear,
+    interval_loss,
+)
+from fraexp_plugins.identification.whole_record._shared.replayed_record import (
+    ReplayedRecord,
+    Trial,
+    positions_of,
+    prepared_records,
+)
 
 SHARED_DIFFERENCE = 5e-4
 """Half width of the central differences by the logarithm of a shared factor."""

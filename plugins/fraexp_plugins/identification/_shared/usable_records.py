@@ -1,0 +1,86 @@
+"""The records from which plant and friction can be identified, and the refusal of others."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fraexp.api import RecordError, Signals
+from fraexp_plugins.estimators._shared.effective_input_observer import is_from_rest
+
+
+def usable_signals(signals: Signals, output: str, estimator: str) -> Signals:
+    """Return the signals with the settled segments that move; RecordError names the estimator if there are none."""
+    if any(is_from_rest(segment) for segment in signals.segments):
+        raise RecordError(f"{estimator}: the record begins at rest; expected the steady state: set transient = false")
+    settled = [s for s in signals.segments if s.settling is None or s.settling.settled]
+    moving = tuple(s for s in settled if np.ptp(s.channels[output]) > 0)
+    if not moving:
+        raise RecordError(
+            f"{estimator}: no segment in the steady state moves; raise excitation.amplitude or "
+            "excitation.settling_timeout"
+        )
+    return replace(signals, segments=moving)
+
+
+FRICTION_PREFIX = "friction."
+"""Start of the name of a simulated channel with the friction force at a contact, if the plant has several."""
+
+
+CONTROL_INPUT_PREFIX = "u."
+"""Start of the name of a channel with the control input of a thrust that is not excited."""
+
+
+def check_one_thrust(signals: Signals, estimator: str) -> None:
+    """Raise RecordError if a record has control inputs of thrusts that hold a position while another is excited."""
+    thrusts = [
+        name.removeprefix(CONTROL_INPUT_PREFIX) for name in signals.units if name.startswith(CONTROL_INPUT_PREFIX)
+    ]
+    if thrusts:
+        raise RecordError(
+            f"{estimator}: thrusts that are not excited move the machine too ({', '.join(thrusts)}), and a replay has "
+            "one thrust; use multi_contact_effective_input"
+        )
+
+
+def check_one_contact(signals: Signals, estimator: str) -> None:
+    """Raise RecordError if a simulated record shows friction at more than one contact.
+
+    A measured record does not say so; what the model leaves of it does. Further thrusts are refused as well.
+    """
+    check_one_thrust(signals, estimator)
+    forces = [name for name in signals.units if name.startswith(FRICTION_PREFIX)]
+    contacts = [
+        name.removeprefix(FRICTION_PREFIX)
+        for name in forces
+        if any(segment.channels[name].any() for segment in signals.segments)
+    ]
+    if len(contacts) > 1:
+        raise RecordError(
+            f"{estimator}: the machine has friction at {len(contacts)} contacts ({', '.join(contacts)}); expected one, "
+            "as the plant that is fitted has it: use multi_contact_maximum_likelihood or multi_contact_effective_input"
+        )
+
+
+MAX_LINES = 64
+"""Maximum number of excited lines of a segment, each of which takes two parameters of its own."""
+
+
+def check_segments(signals: Signals, estimator: str) -> None:
+    """Raise RecordError, which names the estimator, for segments that a replay cannot follow."""
+    if not all(segment.periodic for segment in signals.segments):
+        raise RecordError(
+            f"{estimator}: the record does not repeat itself (periodic = false); expected whole periods: state "
+            "the record's period, or take h1_h2_hv or local_polynomial"
+        )
+    lines = max(segment.lines.size for segment in signals.segments)
+    if lines > MAX_LINES:
+        raise RecordError(
+            f"{estimator}: a segment has {lines} excited lines; expected at most {MAX_LINES}: excite fewer at a "
+            "time, or use effective_input"
+        )
+    times = sorted({segment.sample_time for segment in signals.segments})
+    if len(times) > 1:
+        raise RecordError(
+            f"{estimator}: the segments have sample times of {times[0]:g} to {times[-1]:g} s; expected one: "
+            "estimate those of each sample time for themselves"
+        )
