@@ -16,8 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification.friction.gradient_fit import GradientFit
-from fraexp_plugins.identification.friction.rolling_identification import RollingIdentification
+from fraexp_plugins.identification.friction.friction_identification import FrictionIdentification
 from fraexp_plugins.identification.friction.sliding_identification import SlidingIdentification
 from fraexp_plugins.identification.friction.viscous_identification import ViscousIdentification
 from harness import ROOT, Bench, run
@@ -51,10 +50,11 @@ ROWS = {
 def noisy(bench: Bench) -> None:
     """ΣF_m and the error of held-out cycles, with 1 % noise."""
     floor = NOISE * float(np.abs(driven(GUIDE, motion(2000, 12), 1 / 2000)).max())
-    for estimator in (RollingIdentification(), GradientFit()):
+    for label, free in (("grid", False), ("back-propagation", True)):
+        estimator = FrictionIdentification(back_propagation=free)
         found = metrics_of(estimator.estimate(record(GUIDE, samples=2000, cycles=12, noise=NOISE, seed=bench.seed)))
-        bench.bounded(f"{estimator.name}: ΣF_m, relative", abs(found["Coulomb force"] / 17.9 - 1), 0.005)
-        bench.bounded(f"{estimator.name}: held-out error over noise", found["rms error, held-out cycles"] / floor, 1.03)
+        bench.bounded(f"{label}: ΣF_m, relative", abs(found["Coulomb force"] / 17.9 - 1), 0.005)
+        bench.bounded(f"{label}: held-out error over noise", found["rms error, held-out cycles"] / floor, 1.03)
 
 
 def runs(seed: int) -> Signals:
@@ -76,12 +76,12 @@ def runs(seed: int) -> Signals:
 def coverage(bench: Bench) -> None:
     """Share of records whose 95 % intervals hold ΣF_m and the virgin curve."""
     count, start = bench.options.records, Rolling(stiffness=THREE.stiffness, limit_force=THREE.limit_force)
-    known = RollingIdentification(thresholds=tuple(GUIDE.limit_deflection.tolist()))
+    known = FrictionIdentification(thresholds=tuple(GUIDE.limit_deflection.tolist()))
     _count(bench, "known thresholds", known, GUIDE, count)
-    _count(bench, "grid", RollingIdentification(), GUIDE, count)
+    _count(bench, "grid", FrictionIdentification(), GUIDE, count)
     chosen = "free thresholds, number chosen (believes in that number)"
-    _count(bench, chosen, GradientFit(), GUIDE, count // 5, more=0.06)
-    _count(bench, "free thresholds", GradientFit(start=start), THREE, count)
+    _count(bench, chosen, FrictionIdentification(back_propagation=True), GUIDE, count // 5, more=0.06)
+    _count(bench, "free thresholds", FrictionIdentification(back_propagation=True, start=start), THREE, count)
     inside = 0
     for seed in range(bench.seed, bench.seed + count):
         found = metrics_of(ViscousIdentification().estimate(runs(seed)))

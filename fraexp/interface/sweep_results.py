@@ -240,6 +240,6 @@ def require_fit(found: SweepResult) -> SweepResult:
     if not found.result.fits and found.is_usable:
         raise StudyError(
             f"identify: {found.estimator} identifies no component; take an estimator such as modal_fit, "
-            "rolling_identification or plant_and_friction"
+            "friction_identification or plant_and_friction"
         )
     return found

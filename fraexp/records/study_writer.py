@@ -101,7 +101,7 @@ def _default_estimator(request: ImportRequest) -> str:
         return AVERAGING_ESTIMATOR if several or joined else PERIODIC_ESTIMATOR
     raise StudyError(
         f"{request.files[0]}: a record that does not repeat itself needs --estimator: sliding_identification for mass "
-        "and friction, rolling_identification for presliding, local_polynomial for a response; see fraexp plugins"
+        "and friction, friction_identification for presliding, local_polynomial for a response; see fraexp plugins"
     )
 
 

@@ -119,7 +119,7 @@ machine = "linear_motor_table"
 excitation = { name = "point_to_point" }
 [[case]]
 label = "identified"
-estimator = { name = "rolling_identification" }
+estimator = { name = "friction_identification" }
 [[case]]
 label = "moved"
 excitation = { friction = { fit = "friction", case = "identified" } }

@@ -35,8 +35,7 @@ STUDIES = [
     "quick",
 ]
 """In which each estimator has a sweep of a few seconds at most."""
-LONG = {"gradient_fit", "plant_and_friction", "gms_identification", "rolling_identification", "sliding_identification"}
-LONG |= {"elastoplastic_identification", "masing_inversion", "friction_law_comparison"}
+LONG = {"plant_and_friction", "friction_identification", "sliding_identification", "friction_law_comparison"}
 """Identification that takes ten seconds and more; it computes as viscous_identification or maximum_likelihood do, which
 are here."""
 UNUSED = {"local_rational", "injection_on_motion", "loop_tuning", "dictionary_identification", "excitation_design"}

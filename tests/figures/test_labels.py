@@ -7,7 +7,7 @@ def test_figures_show_names_as_words_and_symbols_as_they_are() -> None:
     texts = {
         "effective_input, 12 N": "effective input, 12 N",
         "h1_h2_hv": "H1 H2 Hv",
-        "gms, gms_identification": "GMS, GMS identification",
+        "gms, friction_identification": "GMS, friction identification",
         "Lugre [1]": "LuGre [1]",
         "runs/dahl.csv": "runs/dahl.csv",
         "proposed, ΣF_m + 10 %": "proposed, ΣF_m + 10 %",

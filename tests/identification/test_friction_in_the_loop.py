@@ -6,7 +6,7 @@ from fraexp_plugins.controllers.pid import Pid
 from fraexp_plugins.excitations.constant_velocities import ConstantVelocities
 from fraexp_plugins.excitations.slow_triangle import SlowTriangle
 from fraexp_plugins.friction.coulomb import Coulomb
-from fraexp_plugins.identification.friction.rolling_identification import RollingIdentification
+from fraexp_plugins.identification.friction.friction_identification import FrictionIdentification
 from fraexp_plugins.identification.friction.sliding_identification import SlidingIdentification
 from fraexp_plugins.identification.friction.viscous_identification import ViscousIdentification
 from fraexp_plugins.plants.modal import Modal
@@ -38,7 +38,7 @@ def triangle():
 
 def test_thrust_and_scale_give_friction_and_mass(triangle):
     """The mass is 0.6 % too high by the modes at 38.8 and 80 Hz, as the docstring says."""
-    estimator = RollingIdentification(thrust="u", displacement="y", input_dead_time=DEAD_TIME)
+    estimator = FrictionIdentification(thrust="u", displacement="y", input_dead_time=DEAD_TIME)
     found = values(estimator.estimate(triangle))
     assert found["Coulomb force"] == pytest.approx(17.9, rel=2e-3)
     assert found["mass"] == pytest.approx(1 / 0.132, rel=0.012)
@@ -52,7 +52,7 @@ def test_a_rigid_mass_is_found_with_any_fraction_of_a_dead_time():
     )
     rigid = Modal(rigid_body_gain=0.132)
     signals = recorded(excitation, guide(), rigid, STIFF, resolution=0.0, input_dead_time=0.3e-3)
-    estimator = RollingIdentification(thrust="u", displacement="y", input_dead_time=0.3e-3, max_frequency=20.0)
+    estimator = FrictionIdentification(thrust="u", displacement="y", input_dead_time=0.3e-3, max_frequency=20.0)
     found = values(estimator.estimate(signals))
     assert found["mass"] == pytest.approx(1 / 0.132, rel=1e-3)
     assert found["Coulomb force"] == pytest.approx(17.9, rel=1e-3)
@@ -78,10 +78,10 @@ def test_whether_a_measured_thrust_is_held_is_found(held):
         amplitude=4e-3, velocities=(20e-3, 60e-3), acceleration=5.0, inner_amplitude_ratios=(0.5, 0.1), cycles=3
     )
     record = measured(recorded(excitation, guide(), rigid, pid, **ideal), every)
-    result = RollingIdentification(thrust="u", displacement="y", max_frequency=20.0).estimate(record)
+    result = FrictionIdentification(thrust="u", displacement="y", max_frequency=20.0).estimate(record)
     assert values(result)["mass"] == pytest.approx(1 / 0.132, rel=5e-3)
     assert ("not held between samples" in result.message) is not held
-    wrong = RollingIdentification(thrust="u", displacement="y", max_frequency=20.0, zero_order_hold=not held).estimate(
+    wrong = FrictionIdentification(thrust="u", displacement="y", max_frequency=20.0, zero_order_hold=not held).estimate(
         record
     )
     assert abs(values(wrong)["mass"] * 0.132 - 1) > 0.015
@@ -110,7 +110,7 @@ def test_the_mass_at_one_speed_is_as_uncertain_as_the_reversals():
     signals = recorded(
         excitation, Coulomb(coulomb_force=15.0, viscous_coefficient=30.0), Modal(rigid_body_gain=1 / 8), pid, **ideal
     )
-    result = RollingIdentification(thrust="u", displacement="y").estimate(measured(signals, 1))
+    result = FrictionIdentification(thrust="u", displacement="y").estimate(measured(signals, 1))
     found = values(result)
     assert abs(found["mass"] - 8) < found["mass, 95 %"] < 0.5 * 8
     assert "the mass is identifiable at reversals only" in result.message
@@ -133,7 +133,7 @@ def coulomb_machine(acceleration, amplitude, velocities):
 
 def test_coulomb_friction_mass_viscous_friction_and_offset_come_from_one_record_of_brisk_motion():
     signals = coulomb_machine(10.0, 30e-3, (0.1, 0.3))
-    found = values(RollingIdentification(thrust="u", displacement="y", max_frequency=20.0).estimate(signals))
+    found = values(FrictionIdentification(thrust="u", displacement="y", max_frequency=20.0).estimate(signals))
     assert found["Coulomb force"] == pytest.approx(5.0, rel=0.01)
     assert found["mass"] == pytest.approx(1.7, rel=0.02)
     assert found["viscous coefficient"] == pytest.approx(20.0, rel=0.02)

@@ -1,15 +1,16 @@
 """Laws with a Stribeck effect are found again from records with many speeds."""
 
+import math
+
 import numpy as np
 import pytest
 from fraexp_plugins.friction.elastoplastic import Elastoplastic
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.identification._shared.friction_curves import virgin_curve
-from fraexp_plugins.identification.friction.elastoplastic_identification import ElastoplasticIdentification
-from fraexp_plugins.identification.friction.gms_identification import GmsIdentification
-from fraexp_plugins.identification.friction.rolling_identification import RollingIdentification
+from fraexp_plugins.identification.friction.friction_identification import FrictionIdentification
 
 from fraexp.components.kinds import FrictionModel
+from fraexp.components.parameters import param
 from fraexp.components.registry import create
 from fraexp.errors import RecordError
 from tests.examples import thorough
@@ -33,7 +34,10 @@ def varied(model, noise=0.0):
 
 @pytest.mark.parametrize(
     ("model", "estimator"),
-    [(GMS, GmsIdentification(elements=2)), thorough(BRISTLE, ElastoplasticIdentification())],
+    [
+        (GMS, FrictionIdentification(law="gms", elements=2)),
+        thorough(BRISTLE, FrictionIdentification(law="elastoplastic")),
+    ],
     ids=lambda one: one.name,
 )
 def test_the_law_is_found_and_held_out_parts_are_met_to_the_noise(model, estimator, registry):
@@ -53,15 +57,17 @@ def test_the_law_is_found_and_held_out_parts_are_met_to_the_noise(model, estimat
 
 @pytest.mark.thorough
 def test_the_rolling_model_has_no_part_in_a_stribeck_effect_and_its_error_says_so():
-    wrong, right = (one.estimate(varied(GMS)) for one in (RollingIdentification(), GmsIdentification(elements=2)))
+    wrong, right = (
+        one.estimate(varied(GMS)) for one in (FrictionIdentification(), FrictionIdentification(law="gms", elements=2))
+    )
     assert values(wrong)["rms error, held-out cycles"] > 10 * values(right)["rms error, held-out cycles"]
 
 
 def test_one_speed_alone_is_refused():
     y = 400e-6 * np.interp(np.arange(8000) % 1000, [0, 250, 750, 1000], [0, 1, -1, 0])
     once = signals(y, driven(GMS, y, STEP), STEP, 8)
-    with pytest.raises(RecordError, match="gms_identification: all sliding is at one speed"):
-        GmsIdentification().estimate(once)
+    with pytest.raises(RecordError, match="friction_identification: all sliding is at one speed"):
+        FrictionIdentification(law="gms").estimate(once)
 
 
 def test_the_limits_of_a_virgin_curve_never_fall_and_hold_it():
@@ -74,3 +80,35 @@ def test_the_limits_of_a_virgin_curve_never_fall_and_hold_it():
     assert ((lower <= force) & (force <= upper)).all()
     assert upper.max() == pytest.approx(force[-1] + 1.959964 * 0.5)
     assert upper[0] == pytest.approx(force[0] + 1.959964 * 0.5), "where it is known nothing changes"
+
+
+class Hysteresis(FrictionModel, name="bouc_wen_of_a_user", version=1):
+    """A law that fraexp does not have: dF/dx = K (1 - (½ + ½ sgn(v F)) |F/Fc|^n) (R. Bouc, 1967; Y.-K. Wen, 1976)."""
+
+    states = ("force [N]",)
+    slope: float = param("N/m", "stiffness after a reversal", above=0)
+    limit: float = param("N", "Coulomb force", above=0)
+    sharpness: float = param("1", "exponent n", above=0)
+
+    @staticmethod
+    def advance(
+        z: np.ndarray, dy: float, dt: float, z_next: np.ndarray, slope: float, limit: float, sharpness: float
+    ) -> float:
+        force, steps = z[0], 8
+        for _ in range(steps):
+            opposed = 0.5 + 0.5 * math.copysign(1.0, dy * force)
+            force += slope * dy / steps * (1.0 - opposed * min(abs(force) / limit, 1.0) ** sharpness)
+        z_next[0] = force
+        return force
+
+
+def test_a_users_own_law_is_found_from_the_start_that_it_states():
+    truth = Hysteresis(slope=2e5, limit=9.0, sharpness=1.6)
+    start = Hysteresis(slope=6e5, limit=5.0, sharpness=1.0)
+    result = FrictionIdentification(start=start).estimate(varied(truth, NOISE))
+    found = dict(zip(result.fits[0].parameters, result.fits[0].values, strict=True))
+    std = dict(zip(result.fits[0].parameters, result.fits[0].standard_deviation, strict=True))
+    assert result.fits[0].component["name"] == truth.name
+    for name in ("slope", "limit", "sharpness"):
+        assert found[name] == pytest.approx(getattr(truth, name), rel=0.02)
+        assert abs(found[name] - getattr(truth, name)) < 4 * std[name]

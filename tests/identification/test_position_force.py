@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fraexp_plugins.identification.friction.rolling_identification import RollingIdentification
+from fraexp_plugins.identification.friction.friction_identification import FrictionIdentification
 from fraexp_plugins.identification.friction.sliding_identification import SlidingIdentification
 
 from fraexp.data.signals import Segment, Signals
@@ -65,7 +65,7 @@ def test_presliding_of_a_ten_thousandth_of_the_stroke_is_modelled() -> None:
     velocity = np.gradient(y, 1 / RATE)
     u = 4.2 * np.gradient(velocity, 1 / RATE) + driven(THREE, y, 1 / RATE)
     u = (u + np.roll(u, -1)) / 2  # held over the sample that follows
-    result = RollingIdentification(displacement="y", thrust="u", max_frequency=10.0).estimate(signals(u, y))
+    result = FrictionIdentification(displacement="y", thrust="u", max_frequency=10.0).estimate(signals(u, y))
     found = values(result)
     assert found[VISCOUS] == pytest.approx(THREE.viscous, rel=1e-3)
     assert found[BAND] < 1e-3 * THREE.viscous

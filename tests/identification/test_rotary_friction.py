@@ -28,12 +28,14 @@ def test_rolling_elements_and_a_law_are_found_in_the_units_of_the_axis(tmp_path:
 
 
 @pytest.mark.skipif(not BENCH.exists(), reason="the measured record is not beside this checkout")
-@pytest.mark.parametrize("name", ["rolling_identification", "gms_identification"])
-def test_a_bench_without_friction_is_refused_with_the_reason(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize("law", ["rolling", "gms"])
+def test_a_bench_without_friction_is_refused_with_the_reason(tmp_path: Path, law: str) -> None:
     """Bearings take hundredths of a newton metre there: over the whole stroke the torque rises as that of a spring."""
     channels = {"u": "iq_adx * 0.07 [N m]", "y": "theta_mx [rad]"}
     record = fraexp.read_record(BENCH, channels, sample_rate=2500, samples_per_period=2500, skip_periods=1)
     with pytest.raises(
         fraexp.FraexpError, match=r"the force still rises by 0\.0\d+ N m of 0\.0\d+ N m; record a motion"
     ):
-        fraexp.Workspace(tmp_path).estimate(record, {"name": name, "thrust": "u", "displacement": "y"})
+        fraexp.Workspace(tmp_path).estimate(
+            record, {"name": "friction_identification", "law": law, "thrust": "u", "displacement": "y"}
+        )

@@ -17,8 +17,8 @@ LAW = {"name": "rolling"}
             "compiling friction law 'rolling' for effective_input (once per machine)",
         ),
         (
-            {"estimator": {"name": "gms_identification"}},
-            "compiling the friction law for gms_identification (once per machine)",
+            {"estimator": {"name": "friction_identification", "law": "gms"}},
+            "compiling the friction law for friction_identification (once per machine)",
         ),
     ],
 )

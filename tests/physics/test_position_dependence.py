@@ -221,4 +221,6 @@ def test_what_cannot_use_a_dependence_refuses_it(registry):
     with pytest.raises(ParameterError, match="part rolling has a position_dependence; expected it beside parts"):
         create(registry, FrictionModel, {"name": "composite", "parts": [friction.spec()]})
     with pytest.raises(ParameterError, match="start has a position_dependence, which is not fitted"):
-        create(registry, Estimator, {"name": "gradient_fit", "start": friction.spec()})
+        create(
+            registry, Estimator, {"name": "friction_identification", "back_propagation": True, "start": friction.spec()}
+        )

@@ -85,11 +85,13 @@ EXPERIMENTS = [
     pytest.param(STEPPED, {"name": "effective_input"}, id="effective_input"),
     pytest.param(MOVE, {"name": "positioning_metrics"}, id="positioning"),
     pytest.param(SLIDING, {"name": "sliding_identification"}, id="sliding", marks=pytest.mark.thorough),
-    pytest.param(TRIANGLE, {"name": "rolling_identification", **IDENTIFIED}, id="rolling", marks=pytest.mark.thorough),
-    pytest.param(DRIVEN, {"name": "gms_identification", "elements": 2}, id="gms", marks=pytest.mark.thorough),
+    pytest.param(TRIANGLE, {"name": "friction_identification", **IDENTIFIED}, id="rolling", marks=pytest.mark.thorough),
+    pytest.param(
+        DRIVEN, {"name": "friction_identification", "law": "gms", "elements": 2}, id="gms", marks=pytest.mark.thorough
+    ),
 ]
 """An excitation of the straight axis, what differs of it on the rotary one, and an estimator."""
-ROUNDING = {"gms_identification": 1e-6, "positioning_metrics": 1e-8}
+ROUNDING = {"friction_identification": 1e-6, "positioning_metrics": 1e-8}
 """Difference of estimates that are minima of flat functions; 1e-9 for all others."""
 
 

@@ -116,7 +116,7 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=5)
 
     A mode at f1 adds its part of (max_frequency/f1)² to the mass: set `max_frequency` to a tenth of f1. Half the
     difference of the Coulomb forces of the two directions is part of the offset. Do not use it for motions of the size
-    of the presliding deflection (use `rolling_identification`), nor with a Stribeck effect at the speeds of the record.
+    of the presliding deflection (use `friction_identification`), nor with a Stribeck effect at the record's speeds.
     """
 
     displacement: str = param("", "channel of the position", "y")

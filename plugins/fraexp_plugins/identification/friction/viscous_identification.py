@@ -53,7 +53,7 @@ class ViscousIdentification(Estimator, name="viscous_identification", version=2)
         if values[2] < 0 or values[1] <= 0:
             raise RecordError(
                 f"friction falls with the velocity ({values[2]:.3g} N s/m): a Stribeck effect, or a force of the "
-                "wrong sign; use higher velocities, or fit a law with a Stribeck effect (gms_identification)"
+                "wrong sign; use higher velocities, or fit a law with a Stribeck effect (friction_identification)"
             )
         return Result(
             signals.outcome,

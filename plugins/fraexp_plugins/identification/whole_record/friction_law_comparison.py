@@ -11,13 +11,13 @@ from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
+from fraexp_plugins.identification._shared.law_numbers import shape_parameters
 from fraexp_plugins.identification._shared.usable_records import check_one_contact, usable_signals
 from fraexp_plugins.identification.whole_record._shared.fitted_records import Fitted
 from fraexp_plugins.identification.whole_record._shared.free_parameters import DEAD_TIME, SCALES
 from fraexp_plugins.identification.whole_record._shared.law_starts import rough_friction
 from fraexp_plugins.identification.whole_record._shared.motion_fit import MotionFit, fit_along_motion
 from fraexp_plugins.identification.whole_record._shared.noise_level import likely_noise, noise_in_records
-from fraexp_plugins.identification.whole_record._shared.scaled_friction import shape_parameters
 from fraexp_plugins.identification.whole_record._shared.staged_fit import StagedFit
 from fraexp_plugins.identification.whole_record.maximum_likelihood import MaximumLikelihood
 
@@ -34,7 +34,7 @@ COULOMB_PARAMETERS = ("coulomb_force", "limit_force")
 """Parameters of a friction law whose sum is its force in gross sliding."""
 
 
-class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", version=9):
+class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", version=10):
     """Plant, friction law and its parameters, from records alone: the law that predicts records it has not seen.
 
     Every candidate is fitted to three quarters of the records by maximum likelihood, as `maximum_likelihood` does,

@@ -94,7 +94,7 @@ def report(
     force along all of the motion.
     """
     metrics = [*_parameters(found), *_quality(found, rows, errors, whole), *_counts(cycles, found), *_deviations(found)]
-    curves = (virgin_curve(*found.virgin_curve), _forces(rows, errors))
+    curves = (virgin_curve(*found.virgin_curve), force_curve(rows, errors))
     message = "; ".join([*([signals.message] if signals.message else []), *remarks])
     outcome = outcome_of_fit(signals.outcome, found.coulomb[0], errors.worst)
     return Result(outcome, message, metrics=tuple(metrics), curves=curves, fits=(rolling_fit(found),))
@@ -197,7 +197,7 @@ def _counts(cycles: tuple[int, int], found: ReportedElements) -> list[Metric]:
     ]
 
 
-def _forces(rows: Sequence[RegressionRows], errors: Errors) -> Curve:
+def force_curve(rows: Sequence[RegressionRows], errors: Errors) -> Curve:
     """Return measured force and model over the first cycles."""
     first, residual = rows[0], errors.residuals[0]
     time = first.duration * np.arange(first.force.size)

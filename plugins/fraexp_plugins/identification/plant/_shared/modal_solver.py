@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError
-from fraexp_plugins.identification._shared.levenberg_marquardt import IterationStep, minimise
 from fraexp_plugins.identification.plant._shared.modal_model import LogResponse, ModalModel, resonators
 
 MAX_LAGS = 10
+COST_TOLERANCE, STEP_TOLERANCE = 1e-8, 1e-10
+"""Relative change of the squared error, and of the parameters, with which a search ends."""
 
 
 def whiteness(residuals: NDArray[np.float64], parts: int) -> float:
@@ -445,14 +446,15 @@ def descend(
     model: ModalModel, data: LogResponse, p: NDArray[np.float64], evaluations: int = MAX_EVALUATIONS
 ) -> Descent:
     """Return where least squares lead from p."""
+    from scipy.optimize import least_squares  # slow to import: only when something is estimated
+
     low, high = model.bounds()
-
-    def step_of(p: NDArray[np.float64]) -> IterationStep[NDArray[np.float64]]:
-        error = data.weighted_parts(data.error(model.log_response(p, data.s)))
-        return IterationStep(p, -error, lambda: data.weighted_parts(model.jacobian(p, data.s)))
-
-    minimum = minimise(step_of, lambda p, step: np.clip(p + step, low, high), p, evaluations)
-    return Descent(minimum.place, minimum.iterations < evaluations)
+    found = least_squares(
+        lambda p: data.weighted_parts(data.error(model.log_response(p, data.s))), np.clip(p, low, high),
+        jac=lambda p: data.weighted_parts(model.jacobian(p, data.s)), bounds=(low, high), x_scale="jac",
+        ftol=COST_TOLERANCE, xtol=STEP_TOLERANCE, gtol=None, max_nfev=evaluations,
+    )  # fmt: skip
+    return Descent(found.x, found.status > 0)
 
 
 NORMAL_QUANTILE = 1.959964

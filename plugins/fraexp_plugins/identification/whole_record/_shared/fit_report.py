@@ -11,15 +11,15 @@ from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE
 from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_unit, parameter_value
 from fraexp_plugins.estimators._shared.realisations import Part, combine_parts, realisation_groups
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
+from fraexp_plugins.identification._shared.law_numbers import (
+    ScaledParameter,
+    scaled_parameters,
+)
 from fraexp_plugins.identification.plant._shared.modal_model import parameter_symbol
 from fraexp_plugins.identification.plant._shared.modal_solver import whiteness
 from fraexp_plugins.identification.whole_record._shared.fitted_records import Fitted
 from fraexp_plugins.identification.whole_record._shared.free_parameters import DEAD_TIME, SCALES
 from fraexp_plugins.identification.whole_record._shared.noise_level import NOISE, NoiseLevel
-from fraexp_plugins.identification.whole_record._shared.scaled_friction import (
-    ScaledParameter,
-    scaled_parameters,
-)
 from fraexp_plugins.identification.whole_record._shared.staged_fit import MAX_MEAN_RATIO
 
 MAX_RATIO, MAX_RATIO_STDS = 1.1, 4.0

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from fraexp.api import Motion, ParameterError, Plant, Segment, fourier_sums, phasors
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.none import Frictionless
-from fraexp_plugins.identification._shared.levenberg_marquardt import IterationStep, minimise
 from fraexp_plugins.identification.whole_record._shared.free_parameters import (
     DEAD_TIME,
     FreeParameters,
@@ -33,10 +32,10 @@ FRICTION_DIFFERENCE, PLANT_DIFFERENCE = 1e-3, 1e-5
 """Differences of the logarithms of friction's and the plant's parameters for derivatives."""
 START_LOG_STD = 1.0
 """Standard deviation of the logarithms of friction's parameters around the start."""
-MAX_STEP = 1.0
-"""Greatest change of a logarithm in a step of a search."""
 MAX_ITERATIONS, MAX_STARTS, MAX_ROUNDS = 15, 2, 4
 """Maximum numbers of steps of a search, of starts, and of plants that are looked for from each."""
+COST_TOLERANCE = 1e-7
+"""Relative change of the cost at which a search ends."""
 FRICTION_ERRORS = (0.01, 0.001)
 """By how much friction may be wrong where a plant is looked for: at a start, and after a search."""
 SUFFICIENT_RATIO = 0.8
@@ -75,6 +74,11 @@ class MotionRecords:
         spread = np.hypot(bare.noise, bare.resolution / np.sqrt(12))
         sizes = np.array([segment.channels[bare.output].size for segment in self._segments])
         self._output_error = np.repeat(spread * np.sqrt(2 / sizes), counts)
+
+    @property
+    def lines(self) -> int:
+        """Number of all lines."""
+        return self._omega.size
 
     def forces(self, models: Models) -> NDArray[np.complex128]:
         """Return G U - F [N] at all lines, shape (n,)."""
@@ -126,35 +130,40 @@ class _Search:
     """Logarithms of friction's factors, shape (p,)."""
 
     def minimum(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the parameters around these ones that leave least."""
-        return minimise(self._step, self._move, logs, MAX_ITERATIONS).place
+        """Return the parameters around these ones with the smallest residual."""
+        from scipy.optimize import least_squares  # slow to import: only when something is estimated
+
+        size = self.free.limit(np.full(logs.size, np.inf))
+        found = least_squares(
+            self._weighted, logs, jac=self._jacobian, bounds=(-size, size), x_scale="jac",
+            max_nfev=MAX_ITERATIONS, ftol=COST_TOLERANCE,
+        )  # fmt: skip
+        return np.asarray(found.x)
 
     def residual(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what the parameters leave of the records, shape (2 n,)."""
-        return self._step(logs).residual[: -self.start.size]
+        models = self.free.applied_to(self.models, logs)
+        return self.records.residual(self.records.forces(models), models.plant)
 
-    def _step(self, logs: NDArray[np.float64]) -> IterationStep[NDArray[np.float64]]:
+    def _weighted(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the same, then the distance from the start, shape (2 n + p,); infinite for what no model allows."""
         try:
-            models = self.free.applied_to(self.models, logs)
+            left = self.residual(logs)
         except ParameterError:
-            return IterationStep(logs, np.array([np.inf]), lambda: np.zeros((1, logs.size)))
+            left = np.full(2 * self.records.lines, np.inf)
+        return np.concatenate([left, self._known @ (logs - np.pad(self.start, (0, logs.size - self.start.size)))])
+
+    def _jacobian(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
+        models = self.free.applied_to(self.models, logs)
         forces = self.records.forces(models)
         residual = self.records.residual(forces, models.plant)
-        known = self._known @ (np.pad(self.start, (0, logs.size - self.start.size)) - logs)
-        return IterationStep(
-            logs,
-            np.concatenate([residual, known]),
-            lambda: np.concatenate([self._gradient(logs, forces, residual), self._known]),
-        )
+        return np.concatenate([-self._gradient(logs, forces, residual), self._known])
 
     @property
     def _known(self) -> NDArray[np.float64]:
         """Rows that hold friction's parameters but the dead time, shape (p, p + plant)."""
         weights = [0.0 if name == DEAD_TIME else 1 / START_LOG_STD for name in self.free.friction]
         return np.pad(np.diag(weights), ((0, 0), (0, len(self.free.plant))))
-
-    def _move(self, logs: NDArray[np.float64], step: NDArray[np.float64]) -> NDArray[np.float64]:
-        return self.free.limit(logs + np.clip(step, -MAX_STEP, MAX_STEP))
 
     def _gradient(
         self, logs: NDArray[np.float64], forces: NDArray[np.complex128], residual: NDArray[np.float64]

@@ -1,25 +1,18 @@
 """Friction elements on a grid of thresholds: the convex problem with which every identification starts."""
 
-from abc import ABC
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import RecordError, Signals, param
-from fraexp_plugins.identification.friction._shared.friction_identification import (
-    MAX_SEARCH_SPAN,
-    FrictionIdentification,
-    IdentificationTask,
-)
+from fraexp.api import RecordError
 from fraexp_plugins.identification.friction._shared.friction_regression import (
     CompressedRows,
     RegressionRows,
     long_run_variance,
 )
 from fraexp_plugins.identification.friction._shared.friction_report import ReportedElements
+from fraexp_plugins.identification.friction._shared.friction_task import IdentificationTask
 
 REMARKED_SPRING, REFUSED_SPRING = 0.1, 0.5
 """Forces of a spring to ground, over that of slipping elements, from which there is a remark, and an error."""
@@ -33,49 +26,39 @@ ERROR_TOLERANCE = 1e-3
 """Relative excess of the squared error that counts as none."""
 
 
-class GridIdentification(FrictionIdentification, ABC):
-    """An identification that begins with non-negative least squares on stop operators over a grid of thresholds.
+def element_solution(
+    task: IdentificationTask, elements: int, has_known_thresholds: bool
+) -> tuple[ReportedElements, list[RegressionRows], NDArray[np.float64]]:
+    """Return elements and terms, the rows of the final grid, and the coefficients of their columns.
 
-    Elements are removed one by one, always the one whose removal increases the error least; their number is the one
-    with the smallest squared error over the held-out cycles. The covariance includes the neighbours on the grid: an
-    error of an element's threshold appears as stiffness there, and counts as that of the nearest element.
+    It is non-negative least squares on stop operators over the thresholds. Elements are removed one by one, always the
+    one whose removal increases the error least; their number is `elements`, or, if that is 0, the one with the smallest
+    squared error over the held-out cycles. The covariance includes the neighbours on the grid: an error of an element's
+    threshold appears as stiffness there, and counts as that of the nearest element.
     """
+    rows = task.rows(task.thresholds)
+    fitted = CompressedRows(rows, task.cycles)
+    terms = np.arange(rows[0].columns.shape[1]) < len(task.terms)
+    every = np.ones_like(terms, dtype=bool)
+    sets = [every] if has_known_thresholds else _nested_sets(fitted, terms, every)
+    kept = _choose_set(sets, rows, task, fitted, elements)
+    coefficients = fitted.solve(kept)
+    _check_found(coefficients[len(task.terms) :])
+    basis = terms | (coefficients > 0) if has_known_thresholds else terms | _with_neighbours(sets[0], len(task.terms))
+    covariance = _covariance(rows, task, fitted, coefficients, basis)
+    return _elements(task, coefficients, covariance), rows, coefficients
 
-    elements: int = param("1", "number of elements; chosen by held-out cycles if 0", 0, at_least=0, at_most=400)
 
-    expected_failures: ClassVar[dict[str, str]] = dict.fromkeys(
-        ("linear-plant", "result-units", "covariance", "outcome"),
-        "It refuses the frictionless machine with which it is tried here.",
-    )
-
-    def solution(self, task: IdentificationTask) -> tuple[ReportedElements, list[RegressionRows], NDArray[np.float64]]:
-        """Return elements and terms, the rows of the final grid, and the coefficients of their columns."""
-        rows = task.rows(task.thresholds)
-        fitted = CompressedRows(rows, task.cycles)
-        terms = np.arange(rows[0].columns.shape[1]) < len(task.terms)
-        every = np.ones_like(terms, dtype=bool)
-        sets = [every] if self.thresholds else _nested_sets(fitted, terms, every)
-        kept = _choose_set(sets, rows, task, fitted, self.elements)
-        coefficients = fitted.solve(kept)
-        _check_found(coefficients[len(task.terms) :])
-        basis = terms | (coefficients > 0) if self.thresholds else terms | _with_neighbours(sets[0], len(task.terms))
-        covariance = _covariance(rows, task, fitted, coefficients, basis)
-        return _elements(task, coefficients, covariance), rows, coefficients
-
-    def focused_task(self, signals: Signals, *, spring_remarks: bool = True) -> IdentificationTask:
-        """Return the task with a grid that ends at the end of the virgin curve, which a wide motion hardly resolves."""
-        task = self.task(signals, span=MAX_SEARCH_SPAN)
-        if self.thresholds:
-            return task
-        rows = task.rows(task.thresholds)
-        coefficients = CompressedRows(rows, task.cycles).solve(np.ones(rows[0].columns.shape[1], dtype=bool))
-        remarks = _spring_remarks(rows, task, coefficients)
-        force = coefficients[len(task.terms) :] * task.thresholds
-        _check_found(force)
-        reached = np.searchsorted(np.cumsum(force), CURVE_END_FORCE * force.sum())
-        end = GRID_MARGIN * float(task.thresholds[min(reached, force.size - 1)])
-        focused = self.task(signals, min(end, float(task.thresholds[-1])))
-        return replace(focused, remarks=(*focused.remarks, *(remarks if spring_remarks else ())))
+def curve_end(task: IdentificationTask, *, spring_remarks: bool = True) -> tuple[float, list[str]]:
+    """Return the end of the virgin curve [m], which a wide motion hardly resolves, and remarks on a spring."""
+    rows = task.rows(task.thresholds)
+    coefficients = CompressedRows(rows, task.cycles).solve(np.ones(rows[0].columns.shape[1], dtype=bool))
+    remarks = _spring_remarks(rows, task, coefficients)
+    force = coefficients[len(task.terms) :] * task.thresholds
+    _check_found(force)
+    reached = np.searchsorted(np.cumsum(force), CURVE_END_FORCE * force.sum())
+    end = GRID_MARGIN * float(task.thresholds[min(reached, force.size - 1)])
+    return min(end, float(task.thresholds[-1])), remarks if spring_remarks else []
 
 
 def _with_neighbours(kept: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
