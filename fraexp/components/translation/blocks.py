@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.components.translation.syntax_tree import Function
+from fraexp.components.translation.language import Function, Language
 from fraexp.components.translation.translator import REAL_INPUT, translate
 
 
@@ -56,11 +56,10 @@ class Block:
         """Names of inputs and settings."""
         return [*(one.name for one in self.inputs), *(one.name for one in self.settings)]
 
-    @cached_property
-    def program(self) -> Function:
-        """The translated function."""
+    def program(self, language: Language) -> Function:
+        """Return the function in a language."""
         given = {**dict.fromkeys(self.numbers, REAL_INPUT), **self.constants}
-        return translate(self.name, self.function, given, self.states)
+        return translate(self.name, self.function, given, self.states, language)
 
     def run(self, inputs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the outputs in plain Python, from zero states, shape (samples,); inputs of shape (samples, inputs)."""

@@ -1,33 +1,34 @@
 """Translated functions and blocks of a controller as one file of C99, with a test that a compiler option turns on."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.components.translation.blocks import Block, Setting
-from fraexp.components.translation.identifiers import C_WORDS, safe_names
-from fraexp.components.translation.syntax_tree import (
-    Assignment,
-    Branch,
-    CountingLoop,
-    Element,
+from fraexp.components.translation.language import (
     Expression,
     Function,
-    FunctionCall,
-    LibraryCall,
-    LoopExit,
+    Language,
     Number,
-    Operation,
-    ReturnValue,
-    Statement,
+    Text,
     Type,
-    Variable,
+    comment,
+    indented,
+    safe_names,
     with_calls,
 )
 
+RESERVED_TEXT = """
+    auto break case char const continue default do double else enum extern float for goto if inline int long register
+    restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+    main self exp expm1 log sqrt sin cos tan asin acos atan tanh copysign pow fabs real y0 y1 yn j0 j1 jn gamma
+    class new delete this template private public operator try catch bool true false and or not xor
+"""
+RESERVED = frozenset(RESERVED_TEXT.split())
+"""Reserved words of C and C++, and names of <tgmath.h>."""
 HELPERS = """\
 typedef {prefix}REAL {prefix}real; /* double, or float by -D{prefix}REAL=float */
 
@@ -38,155 +39,101 @@ static inline int {prefix}max_int(int a, int b) {{ return b > a ? b : a; }}
 static inline int {prefix}wrap(int index, int size) {{ return index < 0 ? index + size : index; }}
 """
 """What all files begin with: the type of real numbers, and functions with the meaning that they have in Python."""
-OPERATORS = {"and": "&&", "or": "||", "not": "!", "negate": "-"}
-MATH_NAMES = {"abs": "fabs"}
 VALUES_PER_LINE = 4
 
 
-class CPrinter:
-    """Prints functions; the names of all begin with a prefix."""
+class CLanguage(Language):
+    """C99."""
 
-    def __init__(self, prefix: str) -> None:
-        self.prefix = prefix
+    operators: ClassVar[Mapping[str, str]] = {"and": "&&", "or": "||", "not": "!", "negate": "-"}
+    math_names: ClassVar[Mapping[str, str]] = {"abs": "fabs"}
 
-    def helpers(self) -> str:
-        """Return the type of real numbers, and the functions that others use."""
-        return HELPERS.format(prefix=self.prefix)
+    def declared_names(self, function: Function) -> dict[str, str]:
+        """Return the names of arrays, parameters and variables."""
+        own = [parameter.name for parameter in function.parameters]
+        return safe_names(dict.fromkeys([*function.arrays, *own, *function.variables]), RESERVED, False)
 
     def type_name(self, kind: Type) -> str:
         """Return the type of a variable."""
         return f"{self.prefix}real" if kind == "real" else "int"
 
-    def number(self, value: float | int | bool, kind: Type) -> str:
+    def number(self, number: Number) -> str:
         """Return a constant."""
-        if kind != "real":
-            return str(int(value))
-        text = repr(float(value))
-        return f"({self.prefix}real){text if float(value) >= 0 else f'({text})'}" if np.isfinite(value) else "HUGE_VAL"
+        if number.type != "real":
+            return str(int(number.value))
+        value = float(number.value)
+        text = repr(value)
+        return f"({self.prefix}real){text if value >= 0 else f'({text})'}" if np.isfinite(value) else "HUGE_VAL"
+
+    def element(self, function: Function, array: str, index: Expression) -> Text:
+        """Return an element of an array of the function, or of a table of the file."""
+        name = f"{self.prefix}{function.name}_{array}" if array in function.tables else function.names.get(array, array)
+        return Text(f"{name}[{self.text(function, index)}]", "real")
+
+    def library_call(self, function: Function, name: str, given: Sequence[Expression], kind: Type) -> Text:
+        """Return the call of a function of <tgmath.h> or of the helpers."""
+        texts = [self.text(function, argument) for argument in given]
+        if name in ("real", "truncate"):
+            return Text(f"({self.type_name(kind)})({texts[0]})", kind)
+        if name == "choose":
+            return Text(f"{self.operand(function, given[0])} ? {texts[1]} : {texts[2]}", kind, is_compound=True)
+        called = self.math_names.get(name, name)
+        if name in ("min", "max", "wrap"):
+            called = f"{self.prefix}{name}{'_int' if kind == 'int' and name != 'wrap' else ''}"
+        return Text(f"{called}({', '.join(texts)})", kind)
+
+    def call(self, function: Function, called: Function, arrays: Sequence[str], given: Sequence[Expression]) -> Text:
+        """Return the call of another function."""
+        texts = [function.names.get(name, name) for name in arrays]
+        texts += [self.text(function, argument) for argument in given]
+        return Text(f"{self.prefix}{called.name}({', '.join(texts)})", "real")
+
+    def assignment(self, target: str, value: str) -> list[str]:
+        """Return the line of an assignment."""
+        return [f"{target} = {value};"]
+
+    def branch(self, test: str, body: Sequence[str], otherwise: Sequence[str]) -> list[str]:
+        """Return the lines of an `if`."""
+        other = ["} else {", *indented(otherwise)] if otherwise else []
+        return [f"if ({test}) {{", *indented(body), *other, "}"]
+
+    def loop(
+        self, function: Function, counter: str, start: Expression, stop: Expression, step: int, body: Sequence[str]
+    ) -> list[str]:
+        """Return the lines of a `for`."""
+        sign, first, last = "<" if step > 0 else ">", self.text(function, start), self.text(function, stop)
+        head = f"for ({counter} = {first}; {counter} {sign} {last}; {counter} += {step}) {{"
+        return [head, *indented(body), "}"]
+
+    def loop_exit(self, word: Literal["break", "continue"]) -> list[str]:
+        """Return the line of a `break` or a `continue`."""
+        return [f"{word};"]
+
+    def return_value(self, function: Function, value: str) -> list[str]:
+        """Return the line of a `return`."""
+        return [f"return {value};"]
 
     def table(self, name: str, values: NDArray[np.float64]) -> str:
         """Return an array of constants."""
-        rows = _rows([self.number(float(value), "real") for value in values.ravel()])
+        texts = [self.number(Number(float(value), "real")) for value in values.ravel()]
+        lines = [texts[k : k + VALUES_PER_LINE] for k in range(0, len(texts), VALUES_PER_LINE)]
+        rows = ",\n".join(f"    {', '.join(line)}" for line in lines)
         declared = f"static const {self.prefix}real {self.prefix}{name}[{max(values.size, 1)}]"
         return f"{declared} = {{\n{rows or '    0'}\n}};\n"
 
     def function(self, function: Function) -> str:
-        """Return a function with its tables."""
-        return _FunctionPrinter(self, function).text()
-
-
-def comment(text: str) -> str:
-    """Return a text that does not end a comment of either language."""
-    return " ".join(text.replace("*/", "* /").replace("*)", "* )").replace("(*", "( *").split())
-
-
-def _rows(values: Sequence[str]) -> str:
-    lines = [values[k : k + VALUES_PER_LINE] for k in range(0, len(values), VALUES_PER_LINE)]
-    return ",\n".join(f"    {', '.join(line)}" for line in lines)
-
-
-class _FunctionPrinter:
-    def __init__(self, printer: CPrinter, function: Function) -> None:
-        self._printer, self._function = printer, function
-
-    @cached_property
-    def _names(self) -> Mapping[str, str]:
-        function = self._function
-        own = [parameter.name for parameter in function.parameters]
-        return safe_names(dict.fromkeys([*function.arrays, *own, *function.variables]), C_WORDS, False)
-
-    def text(self) -> str:
-        """Return the function, behind the tables that it uses."""
-        function, printer = self._function, self._printer
-        tables = "".join(printer.table(f"{function.name}_{name}", each) for name, each in function.tables.items())
-        arrays = [f"{printer.type_name('real')} *{self._names[name]}" for name in function.arrays]
-        numbers = [f"{printer.type_name(one.type)} {self._names[one.name]}" for one in function.parameters]
+        """Return a function, behind the tables that it uses."""
+        names, real = function.names, self.type_name("real")
+        tables = "".join(self.table(f"{function.name}_{name}", each) for name, each in function.tables.items())
+        arrays = [f"{real} *{names[name]}" for name in function.arrays]
+        numbers = [f"{self.type_name(one.type)} {names[one.name]}" for one in function.parameters]
         given = ", ".join([*arrays, *numbers]) or "void"
-        signature = f"static inline {printer.type_name('real')} {printer.prefix}{function.name}({given})"
-        head = f"/* {comment(function.summary)} */\n{signature}"
-        declared = [
-            f"    {printer.type_name(kind)} {self._names[name]} = 0;" for name, kind in function.variables.items()
-        ]
-        body = list(self._block(function.body, 1))
-        used = set(re.findall(r"\w+", " ".join(body)))
-        given_names = map(self._names.__getitem__, (*function.arrays, *(one.name for one in function.parameters)))
-        unused = [f"    (void){name};" for name in given_names if name not in used]
-        return "\n".join([tables + head + " {", *declared, *unused, *body, "}", ""])
-
-    def _block(self, statements: Sequence[Statement], depth: int) -> Iterator[str]:
-        indent = "    " * depth
-        for statement in statements:
-            for line in self._statement(statement, depth):
-                yield indent + line if not line.startswith("    ") else line
-
-    def _statement(self, statement: Statement, depth: int) -> Iterator[str]:
-        if isinstance(statement, Assignment):
-            yield f"{self._expression(statement.target)} = {self._expression(statement.value)};"
-        elif isinstance(statement, ReturnValue):
-            yield f"return {self._expression(statement.value)};"
-        elif isinstance(statement, LoopExit):
-            yield f"{statement.word};"
-        elif isinstance(statement, Branch):
-            yield f"if ({self._expression(statement.test)}) {{"
-            yield from self._block(statement.body, depth + 1)
-            if statement.otherwise:
-                yield "} else {"
-                yield from self._block(statement.otherwise, depth + 1)
-            yield "}"
-        else:
-            yield self._loop_head(statement)
-            yield from self._block(statement.body, depth + 1)
-            yield "}"
-
-    def _loop_head(self, loop: CountingLoop) -> str:
-        name, sign = self._names[loop.variable.name], "<" if loop.step > 0 else ">"
-        start, stop = self._expression(loop.start), self._expression(loop.stop)
-        return f"for ({name} = {start}; {name} {sign} {stop}; {name} += {loop.step}) {{"
-
-    def _expression(self, expression: Expression) -> str:
-        match expression:
-            case Number():
-                return self._printer.number(expression.value, expression.type)
-            case Variable():
-                return self._names[expression.name]
-            case Element():
-                return f"{self._array(expression.array)}[{self._expression(expression.index)}]"
-            case Operation():
-                return self._operation(expression)
-            case LibraryCall():
-                return self._library_call(expression)
-            case FunctionCall():
-                arrays = [self._names[name] for name in expression.arrays]
-                given = [*arrays, *map(self._expression, expression.arguments)]
-                return f"{self._printer.prefix}{expression.function.name}({', '.join(given)})"
-
-    def _array(self, name: str) -> str:
-        if name in self._function.tables:
-            return f"{self._printer.prefix}{self._function.name}_{name}"
-        return self._names[name]
-
-    def _operation(self, operation: Operation) -> str:
-        operands = [self._operand(operand) for operand in operation.operands]
-        sign = OPERATORS.get(operation.operator, operation.operator)
-        return f" {sign} ".join(operands) if len(operands) > 1 else f"{sign}{operands[0]}"
-
-    def _operand(self, operand: Expression) -> str:
-        text = self._expression(operand)
-        is_choice = isinstance(operand, LibraryCall) and operand.function == "choose"
-        return f"({text})" if isinstance(operand, Operation) or is_choice else text
-
-    def _library_call(self, call: LibraryCall) -> str:
-        prefix, given = self._printer.prefix, [self._expression(argument) for argument in call.arguments]
-        match call.function:
-            case "real" | "truncate":
-                return f"({self._printer.type_name(call.type)})({given[0]})"
-            case "choose":
-                return " ".join((self._operand(call.arguments[0]), "?", given[1], ":", given[2]))
-            case "min" | "max" if call.type == "int":
-                return f"{prefix}{call.function}_int({', '.join(given)})"
-            case "min" | "max" | "wrap":
-                return f"{prefix}{call.function}({', '.join(given)})"
-        return f"{MATH_NAMES.get(call.function, call.function)}({', '.join(given)})"
+        head = f"/* {comment(function.summary)} */\nstatic inline {real} {self.prefix}{function.name}({given})"
+        declared = [f"{self.type_name(kind)} {names[name]} = 0;" for name, kind in function.variables.items()]
+        used = set(re.findall(r"\w+", " ".join(function.body)))
+        given_names = [names[name] for name in (*function.arrays, *(one.name for one in function.parameters))]
+        unused = [f"(void){name};" for name in given_names if name not in used]
+        return "\n".join([tables + head + " {", *indented([*declared, *unused, *function.body]), "}", ""])
 
 
 TEST_TOLERANCE = {"double": 1e-12, "float": 1e-4}
@@ -196,9 +143,9 @@ TEST_TOLERANCE = {"double": 1e-12, "float": 1e-4}
 def c_text(blocks: Sequence[Block], name: str, notes: Sequence[str], is_single: bool = False) -> str:
     """Return the file; all of its names begin with `name`, an identifier, and `notes` are in its first comment."""
     prefix, real = f"{name}_", "float" if is_single else "double"
-    printer = CPrinter(prefix)
+    language = CLanguage(prefix)
     head = "\n".join(["/*", *(f" * {comment(note)}".rstrip() for note in notes), " */"])
-    functions = [printer.function(each) for each in with_calls([block.program for block in blocks])]
+    functions = [language.function(each) for each in with_calls([block.program(language) for block in blocks])]
     return "\n".join(
         [
             head,
@@ -206,7 +153,7 @@ def c_text(blocks: Sequence[Block], name: str, notes: Sequence[str], is_single: 
             "#include <math.h>\n#include <tgmath.h>\n",
             f"#ifndef {prefix}REAL\n#define {prefix}REAL {real}\n#endif\n",
             *(_setting_text(each, prefix) for each in _settings(blocks)),
-            printer.helpers(),
+            HELPERS.format(prefix=prefix),
             *functions,
             *(_block_text(block, prefix) for block in blocks),
             _test_text(blocks, prefix),
@@ -237,8 +184,8 @@ def _setting_text(setting: Setting, prefix: str) -> str:
 def _block_text(block: Block, prefix: str) -> str:
     """Return the states of a block, its reset and its step."""
     real, label = f"{prefix}real", f"{prefix}{block.name}"
-    states = safe_names(block.states, C_WORDS, False)
-    inputs = safe_names([one.name for one in block.inputs], C_WORDS, False)
+    states = safe_names(block.states, RESERVED, False)
+    inputs = safe_names([one.name for one in block.inputs], RESERVED, False)
     members = "".join(f"    {real} {states[one]}[{max(size, 1)}];\n" for one, size in block.states.items())
     meanings = [f" * {inputs[one.name]}: {one.meaning} [{one.unit}]" for one in block.inputs]
     given = "".join(f", {real} {inputs[one.name]}" for one in block.inputs)
@@ -249,17 +196,12 @@ def _block_text(block: Block, prefix: str) -> str:
             f"typedef struct {{\n{members or '    char empty;'}}} {label}_state;\n",
             f"static inline void {label}_reset({label}_state *state) {{\n    *state = ({label}_state){{0}};\n}}\n",
             f"/* {comment(block.summary)}",
-            *map(comment_line, meanings),
+            *(f" {comment(meaning)}" for meaning in meanings),
             f" * Returns: {comment(block.output.meaning)} [{block.output.unit}]. Call it once per sample. */",
             f"static inline {real} {label}_step({label}_state *state{given}) {{",
             f"    return {label}({called});\n}}\n",
         ]
     )
-
-
-def comment_line(text: str) -> str:
-    """Return a line of a comment."""
-    return f" {comment(text)}"
 
 
 def _test_text(blocks: Sequence[Block], prefix: str) -> str:

@@ -3,34 +3,37 @@
 Arrays are passed by VAR_IN_OUT.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.components.translation.blocks import Block, BlockInput, Setting
-from fraexp.components.translation.c_code import comment
-from fraexp.components.translation.identifiers import ST_WORDS, safe_names
-from fraexp.components.translation.syntax_tree import (
-    Assignment,
-    Branch,
-    CountingLoop,
-    Element,
+from fraexp.components.translation.language import (
     Expression,
     Function,
-    FunctionCall,
-    LibraryCall,
-    LoopExit,
+    Language,
     Number,
-    Operation,
-    ReturnValue,
-    Statement,
+    Text,
     Type,
-    Variable,
+    comment,
+    indented,
+    safe_names,
     with_calls,
 )
 
+RESERVED_TEXT = """
+    abs acos action add adr and any array asin at atan begin bool by byte case concat configuration constant cos date
+    delete dint div do dt dword else elsif end eq exit exp expt false find for from function ge global gt if in
+    input insert int interface interval jmp le left len limit lint ln log lower_bound lreal lt lword max method mid
+    min mod move mul mux ne not of on or output pointer priority program property r_edge f_edge read_only read_write
+    real ref reference repeat replace resource ret retain return right rol ror rs s sel shl shr sin sint single
+    sizeof sqrt sr step string struct sub super tan task then this time to tod transition trunc true type udint
+    uint ulint until upper_bound usint var wait while with word wstring xor r ld st n p l d c t q e continue
+"""
+RESERVED = frozenset(RESERVED_TEXT.split())
+"""Reserved words, standard functions and edge names of IEC 61131-3 and its dialects."""
 HELPERS = """\
 FUNCTION {prefix}copysign : {real} (* magnitude with the sign of another number *)
 VAR_INPUT
@@ -81,30 +84,103 @@ END_FUNCTION
 """
 """Functions that the standard lacks, with the meaning that they have in Python."""
 HELPER_INPUTS = {"copysign": ("magnitude", "signed"), "expm1": ("x",), "tanh": ("x",), "wrap": ("index", "size")}
-OPERATORS = {"and": "AND", "or": "OR", "not": "NOT ", "negate": "-", "==": "=", "!=": "<>"}
-STANDARD_NAMES = {"log": "LN", "pow": "EXPT", "truncate": "TRUNC"}
 VALUES_PER_LINE = 6
 
 
-class StPrinter:
-    """Prints functions; the names of all begin with a prefix."""
+class StructuredText(Language):
+    """IEC 61131-3 Structured Text."""
+
+    operators: ClassVar[Mapping[str, str]] = {
+        "and": "AND",
+        "or": "OR",
+        "not": "NOT ",
+        "negate": "-",
+        "==": "=",
+        "!=": "<>",
+    }
+    math_names: ClassVar[Mapping[str, str]] = {"log": "LN", "pow": "EXPT", "truncate": "TRUNC"}
 
     def __init__(self, prefix: str, is_single: bool = False) -> None:
-        self.prefix, self.real = prefix, "REAL" if is_single else "LREAL"
+        super().__init__(prefix)
+        self.real = "REAL" if is_single else "LREAL"
 
-    def helpers(self) -> str:
-        """Return the functions that others use."""
-        return HELPERS.format(prefix=self.prefix, real=self.real)
+    def declared_names(self, function: Function) -> dict[str, str]:
+        """Return the names of arrays, parameters, variables, and tables, which callers pass."""
+        own = [parameter.name for parameter in function.parameters]
+        names = dict.fromkeys([*function.arrays, *own, *function.variables, *function.all_tables])
+        return safe_names(names, RESERVED, True)
 
     def type_name(self, kind: Type) -> str:
         """Return the type of a variable."""
         return {"real": self.real, "int": "DINT", "bool": "BOOL"}[kind]
 
-    def number(self, value: float | int | bool, kind: Type) -> str:
+    def number(self, number: Number) -> str:
         """Return a constant."""
-        if kind == "bool":
-            return "TRUE" if value else "FALSE"
-        return real_literal(float(value)) if kind == "real" else str(int(value))
+        if number.type == "bool":
+            return "TRUE" if number.value else "FALSE"
+        return real_literal(float(number.value)) if number.type == "real" else str(int(number.value))
+
+    def operand(self, function: Function, expression: Expression) -> str:
+        """Return an expression as an operand of another one; two signs must not follow each other."""
+        text = super().operand(function, expression)
+        return f"({text})" if text.startswith("-") else text
+
+    def element(self, function: Function, array: str, index: Expression) -> Text:
+        """Return an element of an array that the function is given."""
+        name = f"{function.name}_{array}" if array in function.tables else array
+        return Text(f"{function.names.get(name, name)}[{self.text(function, index)}]", "real")
+
+    def library_call(self, function: Function, name: str, given: Sequence[Expression], kind: Type) -> Text:
+        """Return the call of a function of the standard or of the helpers."""
+        texts = [self.text(function, argument) for argument in given]
+        called = self.math_names.get(name, name.upper())
+        if name == "real":
+            called = f"DINT_TO_{self.real}"
+            if given[0].type == "bool":
+                called, texts = "SEL", [texts[0], "0.0", "1.0"]
+        elif name == "choose":
+            called, texts = "SEL", [texts[0], texts[2], texts[1]]
+        elif name in HELPER_INPUTS:
+            named = dict(zip(HELPER_INPUTS[name], texts, strict=True))
+            return Text(f"{self.prefix}{name}({named_arguments(named)})", kind)
+        return Text(f"{called}({', '.join(texts)})", kind)
+
+    def call(self, function: Function, called: Function, arrays: Sequence[str], given: Sequence[Expression]) -> Text:
+        """Return the call of another function, with its arguments by their names and the tables that it uses."""
+        names = function.names
+        named = {called.names[of]: names.get(name, name) for of, name in zip(called.arrays, arrays, strict=True)}
+        named |= {called.names[name]: names.get(name, name) for name in called.all_tables}
+        numbers = zip(called.parameters, given, strict=True)
+        named |= {called.names[one.name]: self.text(function, value) for one, value in numbers}
+        return Text(f"{self.prefix}{called.name}({named_arguments(named)})", "real")
+
+    def assignment(self, target: str, value: str) -> list[str]:
+        """Return the line of an assignment."""
+        return [f"{target} := {value};"]
+
+    def branch(self, test: str, body: Sequence[str], otherwise: Sequence[str]) -> list[str]:
+        """Return the lines of an IF."""
+        other = ["ELSE", *indented(otherwise)] if otherwise else []
+        return [f"IF {test} THEN", *indented(body or [";"]), *other, "END_IF;"]
+
+    def loop(
+        self, function: Function, counter: str, start: Expression, stop: Expression, step: int, body: Sequence[str]
+    ) -> list[str]:
+        """Return the lines of a FOR, whose last value is part of it."""
+        last = f"{self.operand(function, stop)} {'-' if step > 0 else '+'} 1"
+        if isinstance(stop, Number):
+            last = str(int(stop.value) + (-1 if step > 0 else 1))
+        by = "" if step == 1 else f" BY {step}"
+        head = f"FOR {counter} := {self.text(function, start)} TO {last}{by} DO"
+        return [head, *indented(body or [";"]), "END_FOR;"]
+
+    def loop_exit(self, word: Literal["break", "continue"]) -> list[str]:
+        """Return the line of an EXIT or a CONTINUE."""
+        return [{"break": "EXIT;", "continue": "CONTINUE;"}[word]]
+
+    def return_value(self, function: Function, value: str) -> list[str]:
+        """Return the lines that set the result and leave the function."""
+        return [f"{self.prefix}{function.name} := {value};", "RETURN;"]
 
     def array_type(self, size: int) -> str:
         """Return the type of an array of real numbers."""
@@ -119,128 +195,22 @@ class StPrinter:
 
     def function(self, function: Function) -> str:
         """Return a function."""
-        return _FunctionPrinter(self, function).text()
+        names = function.names
+        sizes = {**function.arrays, **{name: table.size for name, table in function.all_tables.items()}}
+        shared = {names[name]: self.array_type(size) for name, size in sizes.items()}
+        given = {names[one.name]: self.type_name(one.type) for one in function.parameters}
+        local = {names[name]: self.type_name(kind) for name, kind in function.variables.items()}
+        head = f"FUNCTION {self.prefix}{function.name} : {self.real} (* {comment(function.summary)} *)"
+        sections = (("VAR_IN_OUT", shared), ("VAR_INPUT", given), ("VAR", local))
+        declared = [line for word, variables in sections for line in declaration(word, variables)]
+        body = function.body[:-1] if function.body[-1:] == ["RETURN;"] else function.body
+        return "\n".join([head, *declared, *body, "END_FUNCTION", ""])
 
 
 def real_literal(value: float) -> str:
     """Return a real number as the standard writes it, with a point."""
     mantissa, e, exponent = repr(value).partition("e")
     return f"{mantissa}{'' if '.' in mantissa else '.0'}{'E' if e else ''}{exponent}"
-
-
-def tables_of(function: Function) -> dict[str, NDArray[np.float64]]:
-    """Return the tables that a function and those that it calls use, by a name that no other table has."""
-    return {f"{each.name}_{name}": table for each in with_calls([function]) for name, table in each.tables.items()}
-
-
-class _FunctionPrinter:
-    def __init__(self, printer: StPrinter, function: Function) -> None:
-        self._printer, self._function = printer, function
-        self._tables = tables_of(function)
-
-    @cached_property
-    def _names(self) -> Mapping[str, str]:
-        function = self._function
-        own = [parameter.name for parameter in function.parameters]
-        names = dict.fromkeys([*function.arrays, *own, *function.variables, *self._tables])
-        return safe_names(names, ST_WORDS, True)
-
-    def text(self) -> str:
-        """Return the function."""
-        function, printer = self._function, self._printer
-        sizes = {**function.arrays, **{name: table.size for name, table in self._tables.items()}}
-        shared = {self._names[name]: printer.array_type(size) for name, size in sizes.items()}
-        given = {self._names[one.name]: printer.type_name(one.type) for one in function.parameters}
-        local = {self._names[name]: printer.type_name(kind) for name, kind in function.variables.items()}
-        head = f"FUNCTION {printer.prefix}{function.name} : {printer.type_name('real')}"
-        sections = (("VAR_IN_OUT", shared), ("VAR_INPUT", given), ("VAR", local))
-        declared = [line for word, variables in sections for line in declaration(word, variables)]
-        body = list(self._block(function.body, 0))
-        if body and body[-1] == "RETURN;":
-            body.pop()
-        return "\n".join([f"{head} (* {comment(function.summary)} *)", *declared, *body, "END_FUNCTION", ""])
-
-    def _block(self, statements: Sequence[Statement], depth: int) -> Iterator[str]:
-        for statement in statements:
-            for line in self._statement(statement):
-                yield "    " * depth + line
-
-    def _statement(self, statement: Statement) -> Iterator[str]:
-        if isinstance(statement, Assignment):
-            yield f"{self._expression(statement.target)} := {self._expression(statement.value)};"
-        elif isinstance(statement, ReturnValue):
-            yield f"{self._printer.prefix}{self._function.name} := {self._expression(statement.value)};"
-            yield "RETURN;"
-        elif isinstance(statement, LoopExit):
-            yield {"break": "EXIT;", "continue": "CONTINUE;"}[statement.word]
-        elif isinstance(statement, Branch):
-            yield f"IF {self._expression(statement.test)} THEN"
-            yield from self._block(statement.body, 1) if statement.body else ("    ;",)
-            if statement.otherwise:
-                yield "ELSE"
-                yield from self._block(statement.otherwise, 1)
-            yield "END_IF;"
-        else:
-            yield self._loop_head(statement)
-            yield from self._block(statement.body, 1) if statement.body else ("    ;",)
-            yield "END_FOR;"
-
-    def _loop_head(self, loop: CountingLoop) -> str:
-        last = f"{self._operand(loop.stop)} {'-' if loop.step > 0 else '+'} 1"
-        if isinstance(loop.stop, Number):
-            last = str(int(loop.stop.value) + (-1 if loop.step > 0 else 1))
-        by = "" if loop.step == 1 else f" BY {loop.step}"
-        return f"FOR {self._names[loop.variable.name]} := {self._expression(loop.start)} TO {last}{by} DO"
-
-    def _expression(self, expression: Expression) -> str:
-        match expression:
-            case Number():
-                return self._printer.number(expression.value, expression.type)
-            case Variable():
-                return self._names[expression.name]
-            case Element():
-                return f"{self._array(expression.array)}[{self._expression(expression.index)}]"
-            case Operation():
-                return self._operation(expression)
-            case LibraryCall():
-                return self._library_call(expression)
-            case FunctionCall():
-                return self._function_call(expression)
-
-    def _array(self, name: str) -> str:
-        own = name in self._function.tables
-        return self._names[f"{self._function.name}_{name}" if own else name]
-
-    def _operation(self, operation: Operation) -> str:
-        operands = [self._operand(operand) for operand in operation.operands]
-        sign = OPERATORS.get(operation.operator, operation.operator)
-        return f" {sign} ".join(operands) if len(operands) > 1 else f"{sign}{operands[0]}"
-
-    def _operand(self, operand: Expression) -> str:
-        text = self._expression(operand)
-        return f"({text})" if isinstance(operand, Operation) or text.startswith("-") else text
-
-    def _function_call(self, call: FunctionCall) -> str:
-        inner = _FunctionPrinter(self._printer, call.function)
-        arrays = dict(zip(call.function.arrays, call.arrays, strict=True))
-        given = {inner._names[name]: self._names[ours] for name, ours in arrays.items()}
-        given |= {inner._names[name]: self._names[name] for name in inner._tables}
-        numbers = zip(call.function.parameters, call.arguments, strict=True)
-        given |= {inner._names[one.name]: self._expression(value) for one, value in numbers}
-        return f"{self._printer.prefix}{call.function.name}({named_arguments(given)})"
-
-    def _library_call(self, call: LibraryCall) -> str:
-        given = [self._expression(argument) for argument in call.arguments]
-        if call.function == "real":
-            if call.arguments[0].type == "bool":
-                return f"SEL({given[0]}, 0.0, 1.0)"
-            return f"DINT_TO_{self._printer.real}({given[0]})"
-        if call.function == "choose":
-            return f"SEL({given[0]}, {given[2]}, {given[1]})"
-        if call.function in HELPER_INPUTS:
-            named = dict(zip(HELPER_INPUTS[call.function], given, strict=True))
-            return f"{self._printer.prefix}{call.function}({named_arguments(named)})"
-        return f"{STANDARD_NAMES.get(call.function, call.function.upper())}({', '.join(given)})"
 
 
 def declaration(word: str, variables: Mapping[str, str]) -> list[str]:
@@ -255,85 +225,79 @@ def named_arguments(values: Mapping[str, str]) -> str:
 
 def st_text(blocks: Sequence[Block], name: str, notes: Sequence[str], is_single: bool = False) -> str:
     """Return the file; all of its names begin with `name`, an identifier, and `notes` are in its first comment."""
-    printer = StPrinter(f"{name}_", is_single)
+    language = StructuredText(f"{name}_", is_single)
     head = "\n".join(["(*", *(f"   {comment(note)}".rstrip() for note in notes), "*)", ""])
-    functions = [printer.function(each) for each in with_calls([block.program for block in blocks])]
-    parts = [*(_block_text(block, printer) for block in blocks), _test_text(blocks, printer)]
-    return "\n".join([head, printer.helpers(), *functions, *parts])
+    helpers = HELPERS.format(prefix=language.prefix, real=language.real)
+    programs = [block.program(language) for block in blocks]
+    functions = [language.function(each) for each in with_calls(programs)]
+    texts = [_block_text(block, program, language) for block, program in zip(blocks, programs, strict=True)]
+    return "\n".join([head, helpers, *functions, *texts, _test_text(blocks, programs, language)])
 
 
-def _block_names(block: Block) -> dict[str, str]:
-    names = [*block.states, *tables_of(block.program), *block.numbers, block.output.name]
-    return safe_names(dict.fromkeys(names), ST_WORDS, True)
+def _block_names(block: Block, program: Function) -> dict[str, str]:
+    names = [*block.states, *program.all_tables, *block.numbers, block.output.name]
+    return safe_names(dict.fromkeys(names), RESERVED, True)
 
 
-def _function_names(block: Block) -> dict[str, str]:
-    """Return the names of the function's parameters, which are made as its printer makes them."""
-    program = block.program
-    own = [parameter.name for parameter in program.parameters]
-    names = [*program.arrays, *own, *program.variables, *tables_of(program)]
-    return safe_names(dict.fromkeys(names), ST_WORDS, True)
-
-
-def _block_text(block: Block, printer: StPrinter) -> str:
-    names, inner, tables = _block_names(block), _function_names(block), tables_of(block.program)
-    inputs = [_declared(one, names, printer) for one in block.inputs]
-    settings = [_declared_setting(one, names, printer) for one in block.settings]
-    output = _declared(block.output, names, printer)
-    states = {names[one]: printer.array_type(size) for one, size in block.states.items()}
-    given = {inner[name]: names[name] for name in (*block.states, *tables, *block.numbers)}
-    held = [printer.table(names[name], values) for name, values in tables.items()]
+def _block_text(block: Block, program: Function, language: StructuredText) -> str:
+    names, tables = _block_names(block, program), program.all_tables
+    inputs = [_declared(one, names, language) for one in block.inputs]
+    settings = [_declared_setting(one, names, language) for one in block.settings]
+    output = _declared(block.output, names, language)
+    states = {names[one]: language.array_type(size) for one, size in block.states.items()}
+    given = {program.names[name]: names[name] for name in (*block.states, *tables, *block.numbers)}
+    held = [language.table(names[name], values) for name, values in tables.items()]
     return "\n".join(
         [
-            f"FUNCTION_BLOCK FB_{printer.prefix}{block.name} (* {comment(block.summary)} *)",
+            f"FUNCTION_BLOCK FB_{language.prefix}{block.name} (* {comment(block.summary)} *)",
             *("VAR_INPUT", *inputs, *settings, "END_VAR", "VAR_OUTPUT", output, "END_VAR"),
             *declaration("VAR", states),
             *(("VAR", *held, "END_VAR") if held else ()),
-            f"{names[block.output.name]} := {printer.prefix}{block.name}({named_arguments(given)});",
+            f"{names[block.output.name]} := {language.prefix}{block.name}({named_arguments(given)});",
             "END_FUNCTION_BLOCK",
             "",
         ]
     )
 
 
-def _declared(one: BlockInput, names: Mapping[str, str], printer: StPrinter) -> str:
-    return f"    {names[one.name]} : {printer.real}; (* {comment(one.meaning)} [{one.unit}] *)"
+def _declared(one: BlockInput, names: Mapping[str, str], language: StructuredText) -> str:
+    return f"    {names[one.name]} : {language.real}; (* {comment(one.meaning)} [{one.unit}] *)"
 
 
-def _declared_setting(one: Setting, names: Mapping[str, str], printer: StPrinter) -> str:
+def _declared_setting(one: Setting, names: Mapping[str, str], language: StructuredText) -> str:
     """Return the declaration of an input with a first value, which is 0 as long as it has to be stated."""
     unknown = "" if one.value is not None else "; it is not known: state it"
     value = real_literal(one.value or 0.0)
-    return f"    {names[one.name]} : {printer.real} := {value}; (* {comment(one.meaning)} [{one.unit}]{unknown} *)"
+    return f"    {names[one.name]} : {language.real} := {value}; (* {comment(one.meaning)} [{one.unit}]{unknown} *)"
 
 
-def _test_text(blocks: Sequence[Block], printer: StPrinter) -> str:
+def _test_text(blocks: Sequence[Block], programs: Sequence[Function], language: StructuredText) -> str:
     """Return a program that computes the greatest relative error of all blocks along their test vectors."""
-    declared = [line for block in blocks for line in _vector_lines(block, printer)]
-    own = {"k": "DINT", "is_done": "BOOL", "worst_error": printer.real, "scale": printer.real}
-    own |= {f"{block.name}_error": printer.real for block in blocks}
+    declared = [line for block in blocks for line in _vector_lines(block, language)]
+    own = {"k": "DINT", "is_done": "BOOL", "worst_error": language.real, "scale": language.real}
+    own |= {f"{block.name}_error": language.real for block in blocks}
     return "\n".join(
         [
-            f"PROGRAM {printer.prefix}self_test (* one cycle computes worst_error, the greatest relative error *)",
+            f"PROGRAM {language.prefix}self_test (* one cycle computes worst_error, the greatest relative error *)",
             *declaration("VAR", own),
             *("VAR", *declared, "END_VAR"),
             "IF NOT is_done THEN",
-            *(line for block in blocks for line in _test_lines(block)),
+            *(line for each in zip(blocks, programs, strict=True) for line in _test_lines(*each)),
             *("    is_done := TRUE;", "END_IF;", "END_PROGRAM", ""),
         ]
     )
 
 
-def _vector_lines(block: Block, printer: StPrinter) -> list[str]:
+def _vector_lines(block: Block, language: StructuredText) -> list[str]:
     return [
-        f"    {block.name}_block : FB_{printer.prefix}{block.name};",
-        printer.table(f"{block.name}_inputs", block.test_inputs),
-        printer.table(f"{block.name}_outputs", block.test_outputs),
+        f"    {block.name}_block : FB_{language.prefix}{block.name};",
+        language.table(f"{block.name}_inputs", block.test_inputs),
+        language.table(f"{block.name}_outputs", block.test_outputs),
     ]
 
 
-def _test_lines(block: Block) -> list[str]:
-    names, count = _block_names(block), len(block.inputs)
+def _test_lines(block: Block, program: Function) -> list[str]:
+    names, count = _block_names(block, program), len(block.inputs)
     places = {names[one.name]: f"{block.name}_inputs[{count} * k + {i}]" for i, one in enumerate(block.inputs)}
     places |= {names[one.name]: real_literal(one.test_value) for one in block.settings}
     found = f"{block.name}_block.{names[block.output.name]}"

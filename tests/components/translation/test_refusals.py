@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from fraexp.components.local_file import load_file
+from fraexp.components.translation.c_code import CLanguage
 from fraexp.components.translation.translator import REAL_INPUT, translate
 from fraexp.errors import PluginError
 
@@ -50,11 +51,11 @@ def test_a_line_that_cannot_be_translated_is_named(tmp_path: Path, line: str, me
     file.write_text(f"import math\n\ndef again(z, x, table):\n    {line}\n    return x\n", encoding="utf-8")
     function, numbers = load_file(file).again, np.ones(2)
     with pytest.raises(PluginError, match=message) as caught:
-        translate("again", function, {"x": REAL_INPUT, "table": numbers}, {"z": 3})
+        translate("again", function, {"x": REAL_INPUT, "table": numbers}, {"z": 3}, CLanguage("axis_"))
     assert re.match(r"again \(refused_law.py, line [3-6]\) \w+", str(caught.value))
     assert "\n" not in str(caught.value)
 
 
 def test_a_function_without_source_is_refused() -> None:
     with pytest.raises(PluginError, match="the source is not available"):
-        translate("made", eval("lambda x: x"), {"x": REAL_INPUT}, {})
+        translate("made", eval("lambda x: x"), {"x": REAL_INPUT}, {}, CLanguage("axis_"))
