@@ -7,7 +7,6 @@ from fraexp.analysis.fourier import fourier_sums, phasors, record_spectrum
 from fraexp.analysis.quantisation import grid_step, phasor_variance, rounding_symmetry
 from fraexp.analysis.response import response_result
 from fraexp.analysis.steady_motion import steady_motion_text
-from fraexp.components.feedforward import Feedforward
 from fraexp.components.kinds import (
     Controller,
     Estimator,
@@ -26,11 +25,10 @@ from fraexp.components.machine_session import (
     workspace_path,
 )
 from fraexp.components.parameters import Parameters, param
-from fraexp.components.periods import Period, Schedule
+from fraexp.components.periods import Feedforward, Period, Schedule
 from fraexp.components.ports import Contact, Ports, StateSpace
 from fraexp.components.position_dependence import PositionDependentFriction
-from fraexp.components.providers import component_modules
-from fraexp.components.registry import hookimpl
+from fraexp.components.registry import component_modules, hookimpl
 from fraexp.data.frequency_text import frequency_text
 from fraexp.data.record_table import RecordTable
 from fraexp.data.results import HARMONICS, Curve, Fit, FrequencyResponse, Metric, Outcome, Result

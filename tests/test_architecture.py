@@ -20,8 +20,7 @@ from pydantic.fields import FieldInfo
 
 from fraexp.components.kinds import Component, MachineDriver, RecordReader, nested_kind
 from fraexp.components.parameters import Parameters, unit_of
-from fraexp.components.providers import Provider
-from fraexp.components.registry import Registry
+from fraexp.components.registry import Provider, Registry
 from fraexp.data import units
 from fraexp.store import Store
 from tests.waiting import HANG_TIMEOUT_S

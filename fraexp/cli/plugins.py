@@ -6,8 +6,7 @@ from itertools import groupby
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_fields, print_json, print_line, print_table, say
 from fraexp.cli.sweep_lookup import workspace_folder
-from fraexp.components.providers import Provider
-from fraexp.components.registry import Registry
+from fraexp.components.registry import Provider, Registry
 from fraexp.data.units import with_powers
 from fraexp.errors import PluginError, did_you_mean
 from fraexp.views.components import component_document, parameter_row

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic.fields import FieldInfo
 
-from fraexp.components.law_check import check_law
-from fraexp.components.law_step import argument_names, explained_calls
+from fraexp.components.law_step import argument_names, check_law, explained_calls
 from fraexp.components.machine_session import MachineSession, offers_disable
 from fraexp.components.parameters import Parameters
 from fraexp.components.periods import Period, Schedule
@@ -23,7 +22,7 @@ from fraexp.data.signals import Segment, Signals
 from fraexp.errors import PluginError, did_you_mean
 
 if TYPE_CHECKING:  # numba: imported only when a law is run
-    from fraexp.components.feedforward import Feedforward
+    from fraexp.components.periods import Feedforward
     from fraexp.kernels.law_arguments import LawArgument
 
 

@@ -1,10 +1,57 @@
-"""One period of an excitation, and how it is started, settled and recorded."""
+"""One period of an excitation, how it is started, settled and recorded, and the feedforward of a motion."""
 
 from dataclasses import dataclass
 from math import ceil
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from fraexp.components.kinds import FrictionModel
+
+RELATIVE_REST = 1e-12
+"""Difference from its last value, relative to the greatest value, at which a table has come to rest."""
+
+
+@dataclass(frozen=True)
+class Feedforward:
+    """A move of 1 m, which is scaled by the distance, and the friction that is compensated along it."""
+
+    thrust: NDArray[np.float64]
+    """Thrust at each sample [N/m], shape (n,); the last one holds the machine at the target."""
+    reference: NDArray[np.float64]
+    """Position that is measured at each sample [m/m], delayed as the machine delays it, shape (n,)."""
+    displacement: NDArray[np.float64]
+    """Displacement at the points of all samples and at the end [m/m], shape (n · points + 1,)."""
+    points: int
+    """Points per sample."""
+    friction: "FrictionModel | None"
+    """Friction that is compensated along the displacement."""
+    max_distance: float | None = None
+    """Distance [m] beyond which the thrust would exceed its limit; None without a limit."""
+
+    def without_rest(self) -> "Feedforward":
+        """Return the feedforward up to the sample at which all is at rest."""
+        moved = self.displacement[:-1].reshape(-1, self.points)
+        rests = [
+            np.abs(table - last).max(axis=1) <= RELATIVE_REST * np.abs(table).max()
+            for table, last in (
+                (self.thrust[:, None], self.thrust[-1]),
+                (self.reference[:, None], self.reference[-1]),
+                (moved, self.displacement[-1]),
+            )
+        ]
+        moving = np.flatnonzero(~np.logical_and.reduce(rests))
+        samples = min(int(moving[-1]) + 2, self.thrust.size) if moving.size else 1
+        return Feedforward(
+            self.thrust[:samples],
+            self.reference[:samples],
+            self.displacement[: samples * self.points + 1],
+            self.points,
+            self.friction,
+            self.max_distance,
+        )
 
 
 @dataclass(frozen=True)

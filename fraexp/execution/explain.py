@@ -4,8 +4,7 @@ from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
-from fraexp.components.providers import Provider
-from fraexp.components.registry import Registry
+from fraexp.components.registry import Provider, Registry
 from fraexp.data.identity import canonical
 from fraexp.data.results import UNUSABLE_OUTCOMES
 from fraexp.data.sweep import Plain, Sweep, section_digest

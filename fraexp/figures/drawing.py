@@ -13,8 +13,7 @@ from fraexp.data.results import EXTREMUM_CURVES, Curve
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.canvas import figure_style
 from fraexp.figures.elements.facets import panel_places
-from fraexp.figures.elements.grouping import CurvePlace, facet_indices
-from fraexp.figures.elements.shown import ShownResult, curve_places
+from fraexp.figures.elements.grouping import CurvePlace, ShownResult, curve_places, facet_indices
 from fraexp.figures.elements.stamp import check_suffix, stamp_digest
 from fraexp.figures.elements.view import FULL_VIEW, View, break_wrapped_lines, zoom_to_band
 from fraexp.figures.kinds.amplitude_map import amplitude_map_info, draw_amplitude_map, response_map_info

@@ -12,11 +12,10 @@ from fraexp.components.registry import Registry
 from fraexp.data.figure_kinds import AGAINST_PLANT, OF_METRICS
 from fraexp.data.results import Result
 from fraexp.errors import FraexpError, PluginError, StoreError
-from fraexp.figures.elements.grouping import group_sweeps
+from fraexp.figures.elements.grouping import ShownResult, group_sweeps
 from fraexp.figures.elements.label_units import label_units
 from fraexp.figures.elements.labels import curve_names, describe_draws
 from fraexp.figures.elements.scales import PLANT_UNITS
-from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.elements.stamp import is_current, stamp_digest
 from fraexp.figures.elements.view import FULL_VIEW, View
 from fraexp.figures.kinds.bode import Reference

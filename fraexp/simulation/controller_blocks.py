@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.components.feedforward import Feedforward
 from fraexp.components.kinds import Controller, FrictionModel
+from fraexp.components.periods import Feedforward
 from fraexp.components.translation import blocks
 from fraexp.components.translation.blocks import Block, BlockInput, FeedbackForm, Setting
 from fraexp.simulation.discretisation import SignalPath

@@ -1,8 +1,7 @@
 """Conformance checks for plugin authors: ``test_mine = fraexp.testing.conformance(Mine)``."""
 
 from fraexp.testing.check_catalogue import checks_for
-from fraexp.testing.check_report import Finding, Report, Verdict, findings, run_checks
-from fraexp.testing.conformance import conformance
+from fraexp.testing.check_report import Finding, Report, Verdict, conformance, findings, run_checks
 from fraexp.testing.conformance_check import Check
 from fraexp.testing.examples import strategy
 

@@ -13,14 +13,8 @@ from fraexp.components.kinds import (
     Plant,
     RecordReader,
 )
-from fraexp.testing import (
-    component_checks,
-    friction_law_checks,
-    friction_motion_checks,
-    loop_part_checks,
-    machine_checks,
-    result_checks,
-)
+from fraexp.testing import component_checks, result_checks
+from fraexp.testing import friction_law_checks as friction
 from fraexp.testing.conformance_check import Check, class_check, example_check
 from fraexp.testing.examples import strategy
 from fraexp.testing.walk import drive_strategy, fixed_path_strategy
@@ -31,49 +25,43 @@ ANY_KIND = (
     class_check(component_checks.presets),
 )
 FRICTION = (
-    example_check(friction_law_checks.finite, drive_strategy, 20, quick=6),
-    example_check(friction_law_checks.pure, strategy, 2, quick=1),
-    example_check(friction_law_checks.state_size, drive_strategy, 15, quick=6),
-    example_check(friction_law_checks.rest, strategy, 10, quick=3),
-    example_check(friction_law_checks.trial, drive_strategy, 12, quick=4),
-    example_check(friction_law_checks.odd, drive_strategy, 25, quick=10),
-    example_check(friction_law_checks.present, drive_strategy, 12, quick=5),
-    example_check(friction_law_checks.bound, drive_strategy, 25, quick=6),
-    example_check(friction_law_checks.stiffness, drive_strategy, 15, quick=5),
-    example_check(friction_law_checks.monotone, drive_strategy, 15, quick=5),
-    example_check(friction_law_checks.limits, strategy, 5, quick=2),
+    example_check(friction.finite, drive_strategy, 20, quick=6),
+    example_check(friction.pure, strategy, 2, quick=1),
+    example_check(friction.state_size, drive_strategy, 15, quick=6),
+    example_check(friction.rest, strategy, 10, quick=3),
+    example_check(friction.trial, drive_strategy, 12, quick=4),
+    example_check(friction.odd, drive_strategy, 25, quick=10),
+    example_check(friction.present, drive_strategy, 12, quick=5),
+    example_check(friction.bound, drive_strategy, 25, quick=6),
+    example_check(friction.stiffness, drive_strategy, 15, quick=5),
+    example_check(friction.monotone, drive_strategy, 15, quick=5),
+    example_check(friction.limits, strategy, 5, quick=2),
     example_check(component_checks.plain_data, strategy, 10, quick=3),
     # from here on the force is the compiled one, unless the check is to be quick
-    example_check(friction_law_checks.compiled, drive_strategy, 20, is_compiled=True),
-    example_check(friction_law_checks.translation, drive_strategy, 12, quick=3, is_compiled=True),
-    example_check(friction_law_checks.order, drive_strategy, 6, quick=3, is_compiled=True),
-    example_check(
-        friction_motion_checks.continuous, friction_motion_checks.wave_strategy, 12, quick=2, is_compiled=True
-    ),
-    example_check(
-        friction_motion_checks.refinement, friction_motion_checks.wave_strategy, 12, quick=2, is_compiled=True
-    ),
-    example_check(
-        friction_motion_checks.energy, friction_motion_checks.closed_path_strategy, 100, quick=8, is_compiled=True
-    ),
-    example_check(friction_motion_checks.endurance, strategy, 4, is_compiled=True),
+    example_check(friction.compiled, drive_strategy, 20, is_compiled=True),
+    example_check(friction.translation, drive_strategy, 12, quick=3, is_compiled=True),
+    example_check(friction.order, drive_strategy, 6, quick=3, is_compiled=True),
+    example_check(friction.continuous, friction.wave_strategy, 12, quick=2, is_compiled=True),
+    example_check(friction.refinement, friction.wave_strategy, 12, quick=2, is_compiled=True),
+    example_check(friction.energy, friction.closed_path_strategy, 100, quick=8, is_compiled=True),
+    example_check(friction.endurance, strategy, 4, is_compiled=True),
     # each example starts a process: a smaller one is not worth the time
-    example_check(friction_motion_checks.elsewhere, fixed_path_strategy, 1, is_compiled=True, shrinks=False),
+    example_check(friction.elsewhere, fixed_path_strategy, 1, is_compiled=True, shrinks=False),
     example_check(result_checks.observer, result_checks.exposure_strategy, 4, is_compiled=True),
 )
 PARTS: dict[type[Component], tuple[Callable[[Any], None], ...]] = {
-    Plant: (loop_part_checks.shapes, loop_part_checks.realisation, loop_part_checks.relative_degree),
-    Controller: (loop_part_checks.causal, loop_part_checks.coefficients),
+    Plant: (component_checks.shapes, component_checks.realisation, component_checks.relative_degree),
+    Controller: (component_checks.causal, component_checks.coefficients),
     Excitation: (
-        loop_part_checks.whole_periods,
-        loop_part_checks.schedule,
-        loop_part_checks.refuses,
-        loop_part_checks.repeatable,
+        component_checks.whole_periods,
+        component_checks.schedule,
+        component_checks.refuses,
+        component_checks.repeatable,
     ),
 }
 RESULTS = (result_checks.linear_plant, result_checks.result_units, result_checks.covariance, result_checks.outcome)
 READERS = (result_checks.suffixes, result_checks.foreign_file)
-MACHINES = (machine_checks.description, machine_checks.silence, machine_checks.stop)
+MACHINES = (result_checks.description, result_checks.silence, result_checks.stop)
 
 
 def quick_checks_for(component: type[Component]) -> list[Check]:

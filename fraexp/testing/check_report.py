@@ -17,8 +17,34 @@ from fraexp.errors import FraexpError, PluginError, did_you_mean
 from fraexp.kernels.watchdog import LAW_TIME_LIMIT_S, OverdueError, error_location, time_limit
 from fraexp.testing.check_catalogue import checks_for, quick_checks_for
 from fraexp.testing.conformance_check import Check, NotApplicableError, ViolationError
-from fraexp.testing.interpreted_model import interpreted_class
-from fraexp.testing.walk import Walk, describe_component
+from fraexp.testing.walk import Walk, describe_component, interpreted_class
+
+
+def conformance(
+    component: type[Component], expected_failures: Mapping[str, str] | None = None
+) -> Callable[[Check], None]:
+    """Return a parametrised test of a component class: ``test_mine = fraexp.testing.conformance(Mine)``.
+
+    `expected_failures` are names of checks with the reason why they must fail, besides those that the class declares.
+    """
+    import pytest  # only where tests are run
+
+    expected = expectations(component, expected_failures)
+    checks = checks_for(component)
+
+    @pytest.mark.parametrize("check", checks, ids=[check.name for check in checks])
+    def test(check: Check) -> None:
+        finding = run_check(check, component, expected.get(check.name))
+        if finding.is_failure:
+            pytest.fail(str(finding), pytrace=False)
+        outcomes: dict[Verdict, Callable[[str], object]] = {
+            Verdict.SKIPPED: pytest.skip,
+            Verdict.EXPECTED: pytest.xfail,
+        }
+        if finding.verdict in outcomes:
+            outcomes[finding.verdict](finding.reason)
+
+    return test
 
 
 def overdue_reason(error: OverdueError, example: object) -> str:

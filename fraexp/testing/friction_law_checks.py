@@ -1,12 +1,274 @@
 """Checks of friction models that look at the law as a function: what loop and observer rely on."""
 
+import importlib
+import inspect
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
 import numpy as np
+from hypothesis import strategies as st
+from hypothesis import target
+from hypothesis.strategies import SearchStrategy
 from numpy.typing import ArrayLike, NDArray
 
-from fraexp.components.kinds import FrictionModel
+from fraexp.components.kinds import Component, FrictionModel
+from fraexp.errors import FraexpError
 from fraexp.testing.conformance_check import NotApplicableError, ViolationError, require
-from fraexp.testing.examples import is_number, try_build, typical_magnitude, value_bounds
-from fraexp.testing.walk import SLOW_TIME_STEP_S, Drive, Walk, breakaway_displacement
+from fraexp.testing.examples import is_number, strategy, try_build, typical_magnitude, value_bounds
+from fraexp.testing.walk import (
+    SLOW_TIME_STEP_S,
+    Drive,
+    Interpreted,
+    Walk,
+    back_and_forth_strategy,
+    breakaway_displacement,
+    describe_component,
+    loop_strategy,
+)
+
+SPEEDS_M_S = np.geomspace(1e-15, 10.0, 17)
+"""Speeds from rest to beyond those of any axis, one per decade."""
+REST, SLOW = 0, 3
+"""Indices of two speeds near rest, a factor of 1000 apart."""
+TIME_STEPS_S = (1e-2, 1e-5)
+"""Steps that give one force at one velocity."""
+TOLERANCE = 1e-6
+"""Difference of forces, relative to the greatest one, that rounding of dy/dt can cause."""
+
+
+def continuous_at_rest(model: FrictionModel) -> None:
+    """Raise ViolationError if the force at the slowest motion is not far smaller than at a faster one."""
+    forces = _forces(model, TIME_STEPS_S[0])
+    require(
+        abs(forces[REST]) <= 0.5 * abs(forces[SLOW]) + TOLERANCE * np.max(np.abs(forces)),
+        f"it jumps at rest, to {forces[REST]:.4g} N at {SPEEDS_M_S[REST]:g} m/s; expected a transition, such as "
+        "tanh(v / vs), a spring at rest, which needs a state, or velocity_law, as coulomb has it",
+    )
+
+
+def function_of_velocity(model: FrictionModel) -> None:
+    """Raise ViolationError if steps of another length give another force at the same velocity."""
+    coarse, fine = (_forces(model, time_step) for time_step in TIME_STEPS_S)
+    worst = int(np.argmax(np.abs(coarse - fine)))
+    require(
+        abs(coarse[worst] - fine[worst]) <= TOLERANCE * float(np.max(np.abs(fine))),
+        f"at {SPEEDS_M_S[worst]:.3g} m/s the force is {coarse[worst]:.6g} N with steps of {TIME_STEPS_S[0]:g} s, "
+        f"{fine[worst]:.6g} N with steps of {TIME_STEPS_S[1]:g} s; expected, without states, a function of dy / dt",
+    )
+
+
+def _forces(model: FrictionModel, time_step: float) -> NDArray[np.float64]:
+    """Return the force [N] at each speed, from steps of one length [s]."""
+    return np.array([Walk(model, time_step).move(speed * time_step) for speed in SPEEDS_M_S.tolist()])
+
+
+STEPS = (200, 3200, 51200)
+"""Steps per period, in which errors and jumps of the force must shrink."""
+QUICK_STEPS = (100, 800, 3200)
+"""Steps per period for plain Python, which is slower."""
+RESOLVING = 16
+"""Factor on the steps that resolves what coarse and fine steps both missed."""
+MAX_MISSED = 0.01
+"""Greatest rms error, relative to the force, that can come from something too short for the steps."""
+FINER, QUICK_FINER = 16, 2
+"""Parts into which the steps of a closed path are divided, so that its energy is that of the law."""
+INTEGRATION_ORDER_RATIO = 8.0
+"""Factor by which the error of the integration falls at least with four times as many steps."""
+ENDURANCE_REVERSALS, ENDURANCE_STEPS = 5000, 8
+"""Reversals while the motion grows, and as many while it shrinks; steps from one to the next."""
+ENDURANCE_SIZES = (1e-3, 1e3)
+"""Smallest and largest motion, in breakaway displacements."""
+ENERGY_TOLERANCE = 1e-3
+"""Energy that a closed path may release, relative to the work done along it: the error that the steps may cause."""
+
+
+@dataclass(frozen=True)
+class Wave:
+    """A friction model and a smooth periodic motion: a sine with a harmonic."""
+
+    model: FrictionModel
+    amplitude: float
+    """In the model's breakaway displacements."""
+    harmonic: float
+    """Third harmonic's share of the fundamental."""
+    period: float
+    """Duration [s]."""
+    steps: tuple[int, int, int] = STEPS
+    """Steps per period: coarse, fine, and so many that the result counts as exact."""
+
+    def record(self, steps: int) -> NDArray[np.float64]:
+        """Return one period of the displacement [m], shape (steps,)."""
+        phase = 2 * np.pi * np.arange(steps) / steps
+        shape = np.sin(phase) + self.harmonic * np.sin(3 * phase + 1.0)
+        return self.amplitude * breakaway_displacement(self.model) * shape
+
+    def force(self, steps: int, periodic: bool = True) -> NDArray[np.float64]:
+        """Return the force [N] over the period, shape (steps,)."""
+        return self.model.force(self.record(steps), self.period / steps, periodic=periodic)
+
+    def __str__(self) -> str:
+        """One line for a report."""
+        length = self.amplitude * breakaway_displacement(self.model)
+        wave = f"a sine of {length:.3g} m, period {self.period:g} s, third {self.harmonic:g}"
+        return f"{describe_component(self.model)}; {wave}"
+
+
+def closed_path_strategy(component: type[Component]) -> SearchStrategy[Drive]:
+    """Return the strategy of closed paths for a friction model: short ones for a law in plain Python."""
+    return back_and_forth_strategy(component) if issubclass(component, Interpreted) else loop_strategy(component)
+
+
+def wave_strategy(component: type[Component]) -> SearchStrategy[Wave]:
+    """Return the strategy of waves of a friction model."""
+    return st.builds(
+        Wave,
+        strategy(component),
+        st.sampled_from([4.0, 1.0, 0.25, 20.0]),
+        st.sampled_from([0.0, 0.3, 0.9]),
+        st.sampled_from([1.0, 0.1, 10.0, 0.01]),
+        st.just(QUICK_STEPS if issubclass(component, Interpreted) else STEPS),
+    )
+
+
+def continuous(wave: Wave) -> None:
+    """The force does not jump at a reversal: its steps shrink with the steps of the motion."""
+    if wave.model.state_size == 0:
+        continuous_at_rest(wave.model)
+        return
+    jumps = []
+    coarse, fine, _ = wave.steps
+    for steps in (coarse, fine):
+        record, force = wave.record(steps), wave.force(steps)
+        turning = np.flatnonzero(np.diff(np.sign(np.diff(record))) != 0)
+        near = np.unique(np.clip(turning[:, None] + np.arange(-1, 4), 1, steps - 1))
+        jumps.append(float(np.max(np.abs(np.diff(force)[near - 1]), initial=0.0)))
+    scale = float(np.max(np.abs(force))) or 1.0
+    jump = f"{jumps[0]:.4g} N with {coarse} steps, {jumps[1]:.4g} N with {fine}"
+    require(jumps[1] <= 0.5 * jumps[0] + FORCE_TOLERANCE * scale, f"it jumps at a reversal by {jump}")
+
+
+def refinement(wave: Wave) -> None:
+    """Smaller steps of the same motion converge to one force; a law without rate effects gives it with any steps."""
+    if wave.model.state_size == 0:
+        function_of_velocity(wave.model)
+        return
+    errors = _step_errors(wave, wave.steps)
+    coarse, fine, _ = wave.steps
+    if not _converges(errors) and errors[0] <= MAX_MISSED:
+        # A steep Stribeck curve is a peak of the force at each reversal, so short that neither number of steps shows
+        # it: their errors are alike until the steps resolve it.
+        coarse, fine, exact = (RESOLVING * steps for steps in wave.steps)
+        errors = _step_errors(wave, (coarse, fine, exact))
+    change = f"they differ by {errors[0]:.2e} of the force with {coarse} steps, by {errors[1]:.2e} with {fine}"
+    require(_converges(errors), f"smaller steps do not converge: {change}")
+
+
+def _step_errors(wave: Wave, counts: Sequence[int]) -> list[float]:
+    """Return the rms errors with all but the last of these numbers of steps, relative to the greatest force."""
+    forces = [wave.force(steps, periodic=False)[:: steps // counts[0]] for steps in counts]
+    scale = float(np.max(np.abs(forces[-1]))) or 1.0
+    return [float(np.sqrt(np.mean((force - forces[-1]) ** 2))) / scale for force in forces[:-1]]
+
+
+def _converges(errors: Sequence[float]) -> bool:
+    return errors[1] <= max(0.5 * errors[0], FORCE_TOLERANCE)
+
+
+def energy(drive: Drive) -> None:
+    """The law is passive: along a closed path ∮ f dy ≥ 0."""
+    finer = QUICK_FINER if isinstance(drive.model, Interpreted) else FINER
+    gained, effort = _released_energy(drive, finer)
+    target(gained / effort if effort else 0.0)
+    if gained > ENERGY_TOLERANCE * effort:
+        # Long steps one way and short ones the other integrate a curved force differently. That error falls with the
+        # square of the step; what a law gives does not.
+        finest, _ = _released_energy(drive, 4 * finer)
+        require(
+            finest <= gained / INTEGRATION_ORDER_RATIO,
+            f"a closed path releases {gained:.4g} J; the work along it is {effort:.4g} J",
+        )
+
+
+def _released_energy(drive: Drive, finer: int) -> tuple[float, float]:
+    """Return the energy [J] that a closed path releases, and the work along it, in steps divided by `finer`."""
+    at = np.arange(finer * drive.record.size) / finer
+    record = np.interp(at, np.arange(drive.record.size + 1), [*drive.record, 0.0])
+    step = drive.time_step / finer
+    force = drive.model.force(record, step, periodic=True)
+    dy = np.roll(record, -1) - record
+    viscous = drive.model.viscous * float(np.sum(dy**2)) / step
+    work = (force + np.roll(force, -1)) / 2 * dy
+    effort = float(np.sum(np.abs(work))) + viscous
+    return -(float(np.sum(work)) + viscous), effort
+
+
+def endurance(model: FrictionModel) -> None:
+    """The force is finite, and the law stays within its memory, through thousands of reversals of all sizes."""
+    length = breakaway_displacement(model)
+    ends = (
+        length
+        * np.geomspace(*ENDURANCE_SIZES, ENDURANCE_REVERSALS)
+        * np.where(np.arange(ENDURANCE_REVERSALS) % 2, -1, 1)
+    )
+    ends = np.concatenate([ends, ends[::-1]])
+    record = np.interp(np.arange(ENDURANCE_STEPS * ends.size) / ENDURANCE_STEPS, np.arange(ends.size), ends)
+    for time_step in (1e-3, 1e-5):
+        forces = model.force(record - record[0], time_step)
+        wrong = np.flatnonzero(~np.isfinite(forces))
+        if wrong.size:
+            dy = np.diff(record, prepend=record[0])[wrong[0]]
+            require(False, f"the force is {forces[wrong[0]]} N after {wrong[0]} steps, the last of {dy:.3g} m")
+
+
+def elsewhere(drive: Drive) -> None:
+    """Another process gives the same force, to the last bit."""
+    component = type(drive.model)
+    if "<locals>" in component.__qualname__:
+        raise NotApplicableError("its class is defined inside a function, where no other process can find it")
+    order = {
+        "file": inspect.getfile(component), "module": component.__module__, "class": component.__qualname__,
+        "spec": drive.model.spec(), "record": drive.record.tolist(), "time_step": drive.time_step,
+    }  # fmt: skip
+    command = [sys.executable, "-c", "from fraexp.testing.friction_law_checks import print_force; print_force()"]
+    done = subprocess.run(command, input=json.dumps(order), capture_output=True, text=True, check=False, timeout=120)
+    reason = (done.stderr.strip().splitlines() or [""])[-1]
+    require(done.returncode == 0 and done.stdout.startswith("["), f"the other process fails: {reason}")
+    here = [force.hex() for force in drive.model.force(drive.record, drive.time_step).tolist()]
+    require(json.loads(done.stdout) == here, "the other process gives another force")
+
+
+def print_force() -> None:
+    """Print the force that `elsewhere` orders on standard input, in exact digits."""
+    order = json.load(sys.stdin)
+    with redirect_stdout(sys.stderr):  # what a plugin prints is no force
+        owner: Any = _import_plugin(order["module"], Path(order["file"]))
+        for part in order["class"].split("."):
+            owner = getattr(owner, part)
+        from fraexp.testing.component_checks import registry_with
+
+        model: Any = registry_with(owner).create(owner.kind, order["spec"])
+        force = model.force(np.array(order["record"]), order["time_step"])
+    print(json.dumps([value.hex() for value in force.tolist()]))
+
+
+def _import_plugin(name: str, file: Path) -> ModuleType:
+    """Return the module that defines a component: by its name, or from its file if it cannot be imported."""
+    from fraexp.components.local_file import DROP_IN, load_file
+
+    try:
+        return load_file(file) if name.startswith(DROP_IN) else importlib.import_module(name)
+    except ImportError:
+        return load_file(file)
+    except FraexpError as error:
+        raise SystemExit(str(error)) from None
+
 
 FORCE_TOLERANCE = 1e-9
 """Forces that differ by less, relative to the greatest one, count as equal."""

@@ -8,8 +8,7 @@ from pydantic.fields import FieldInfo
 
 from fraexp.components.kinds import KINDS
 from fraexp.components.parameters import inherited_from, unit_of
-from fraexp.components.providers import Provider
-from fraexp.components.registry import Registry
+from fraexp.components.registry import Provider, Registry
 from fraexp.views.words import plural, value_text
 
 BOUND_SIGNS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}

@@ -19,7 +19,7 @@ from fraexp.cli.output import MAX_LINE_LENGTH, shorten
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import StoreError
 from fraexp.figures import drawing
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.grouping import ShownResult
 from fraexp.store import Store, masked_url, url_without_password
 from fraexp.store.backends.postgresql import parse_url
 from fraexp.store.backends.urls import locate_database

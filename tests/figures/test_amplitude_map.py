@@ -3,7 +3,7 @@ import pytest
 
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.kinds.amplitude_map import amplitude_map_info, draw_amplitude_map
 from tests.figures.curves import make_response
 

@@ -9,8 +9,7 @@ from fraexp.errors import FraexpError
 from fraexp.figures.drawing import draw_figure
 from fraexp.figures.elements.bands import isolated_points
 from fraexp.figures.elements.frequency_lines import MODEL_LINE_WIDTH
-from fraexp.figures.elements.grouping import CurvePlace
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.grouping import CurvePlace, ShownResult
 from fraexp.figures.kinds.bode import RIGID_BODY_STYLE, bode_info, draw_bode
 from tests.figures.curves import make_response
 

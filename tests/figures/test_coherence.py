@@ -5,7 +5,7 @@ import pytest
 
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.kinds.coherence import coherence_info, draw_coherence
 from tests.figures.curves import make_response
 

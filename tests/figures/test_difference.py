@@ -5,7 +5,7 @@ import pytest
 
 from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.kinds.difference import difference_curve, difference_info, draw_difference, response_difference
 from tests.figures.curves import make_response
 

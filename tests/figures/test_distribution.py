@@ -8,9 +8,8 @@ import pytest
 from fraexp.data.results import Metric, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.drawing import draw_figure
-from fraexp.figures.elements.grouping import group_sweeps
+from fraexp.figures.elements.grouping import ShownResult, group_sweeps
 from fraexp.figures.elements.labels import RandomDraw, curve_names, describe_draws
-from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.kinds.distribution import MAX_METRICS, distribution_info
 
 

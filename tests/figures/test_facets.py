@@ -12,8 +12,7 @@ from fraexp.data.figure_kinds import FIGURES
 from fraexp.data.results import Curve, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.drawing import DRAWING_FUNCTIONS, FACET_KINDS, draw_figure
-from fraexp.figures.elements.grouping import group_sweeps
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.grouping import ShownResult, group_sweeps
 from tests.examples import some
 from tests.figures.curves import make_response
 

@@ -8,7 +8,7 @@ import pytest
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.drawing import draw_figure, save_figure
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.elements.stamp import is_current, stamp_digest
 from tests.examples import some
 from tests.figures.curves import make_loop, make_response

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.drawing import draw_figure
-from fraexp.figures.elements.grouping import MAX_FACETS, MAX_MAPS, group_sweeps, point_indices
+from fraexp.figures.elements.grouping import MAX_FACETS, MAX_MAPS, ShownResult, group_sweeps, point_indices
 from fraexp.figures.elements.labels import MAX_GROUPS
-from fraexp.figures.elements.shown import ShownResult
 from tests.figures.curves import make_response
 
 UNITS = {"excitation.amplitude": "N"}

@@ -5,7 +5,7 @@ import pytest
 
 from fraexp.data.results import Curve, Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.kinds.levels import QUANTITIES, draw_levels, levels_info
 from fraexp.views.text_tables import response_table
 from tests.figures.curves import make_response

@@ -3,7 +3,7 @@ import pytest
 
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.kinds.nyquist import draw_nyquist, nyquist_info
 from tests.figures.curves import make_response
 

@@ -6,8 +6,7 @@ import pytest
 from fraexp.data.results import Curve, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.drawing import draw_figure
-from fraexp.figures.elements.grouping import CurvePlace
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.grouping import CurvePlace, ShownResult
 from fraexp.figures.kinds.positioning_moves import MIN_HEIGHT_RATIO, is_positioning, positioning_info
 
 BAND = 4e-6

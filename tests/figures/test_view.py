@@ -6,7 +6,7 @@ import pytest
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.drawing import draw_figure
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.elements.view import View, wrap_phase
 from tests.figures.curves import make_response
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigvals
 
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.kinds.bode import bode_info
 from tests.identification.plant_responses import TWO, fitted, measured
 

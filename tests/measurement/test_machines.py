@@ -18,7 +18,7 @@ from fraexp.errors import BusyError, ConnectionLostError, MachineError, Paramete
 from fraexp.measurement.watched_machine import WatchedMachine, connect_watched
 from fraexp.simulation.motion_limits import MotionLimits
 from fraexp.testing.conformance_check import ViolationError
-from fraexp.testing.machine_checks import require_si
+from fraexp.testing.result_checks import require_si
 from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.waiting import HANG_TIMEOUT_S, wait_until

@@ -11,7 +11,7 @@ from fraexp_plugins.friction.lugre import LuGre
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.registry import create
-from fraexp.testing.interpreted_model import interpreted_class
+from fraexp.testing.walk import interpreted_class
 from tests.machines import FRICTIONLESS, guide
 
 PARTS = (

@@ -6,8 +6,8 @@ import control
 import numpy as np
 import pytest
 from fraexp_plugins.plants.modal import Modal
-from fraexp_plugins.positioning._shared.deadbeat_program import DeadbeatProgram
 from fraexp_plugins.positioning._shared.design_model import DesignModel
+from fraexp_plugins.positioning._shared.motion_profiles import DeadbeatProgram
 from scipy.optimize import minimize
 
 from fraexp.components.ports import StateSpace

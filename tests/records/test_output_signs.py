@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fraexp.records.output_signs import opposite_pairs
+from fraexp.records.proposals import opposite_pairs
 
 PERIOD = 200
 TIME = np.arange(3 * PERIOD) / PERIOD

@@ -5,7 +5,7 @@ import pytest
 
 from fraexp.data.results import Curve, Outcome, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.grouping import ShownResult
 from fraexp.tui.plotting.curve_styles import CurveStyles
 from fraexp.tui.plotting.panel_drawing import PanelDrawing, ViewRange
 from fraexp.tui.plotting.plotted_curves import bode_picture, curves_picture

@@ -15,7 +15,7 @@ from textual.events import MouseScrollUp
 from textual.pilot import Pilot
 
 from fraexp.data.results import FrequencyResponse
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.grouping import ShownResult
 from fraexp.tui.plotting.braille import BLANK_CODE, DOTS_ACROSS, DOTS_DOWN, line_dots
 from fraexp.tui.plotting.curve_styles import CurveStyles
 from fraexp.tui.plotting.panel_drawing import ISOLATED_SIGN, RESONANCE_SIGN, UNSETTLED_SIGN, prominences, settled_line

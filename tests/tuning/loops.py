@@ -5,7 +5,7 @@ from fraexp_plugins.controllers.pid import Pid
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.plants.modal import Modal
 from fraexp_plugins.tuning._shared.friction_gain import FrictionGain
-from fraexp_plugins.tuning._shared.loop_margins import LoopFamily
+from fraexp_plugins.tuning._shared.gain_search import LoopFamily
 from fraexp_plugins.tuning._shared.plant_band import PlantBand
 
 from fraexp.analysis.delays import hold_response, image_factor, path_response

@@ -5,8 +5,7 @@ import pytest
 from fraexp_plugins.controllers.notched_pid import NotchedPid
 from fraexp_plugins.plants.modal import Modal
 from fraexp_plugins.positioning._shared.design_model import DesignModel
-from fraexp_plugins.tuning._shared.gain_search import closed_loop_radius, damped_plant
-from fraexp_plugins.tuning._shared.loop_margins import LoopFamily
+from fraexp_plugins.tuning._shared.gain_search import LoopFamily, closed_loop_radius, damped_plant
 from fraexp_plugins.tuning._shared.plant_band import PlantBand, _image
 
 from tests.examples import some

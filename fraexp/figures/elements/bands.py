@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.figures.elements.line_style import LineStyle
+from fraexp.figures.elements.canvas import LineStyle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

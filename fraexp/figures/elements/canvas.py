@@ -10,12 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fraexp.figures.elements.labels import drawable
-from fraexp.figures.elements.line_style import LineStyle
 
-if TYPE_CHECKING:  # imported when something is drawn: it takes a second
+if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
+
+LineStyle = dict[str, Any]
+"""Keyword arguments of matplotlib for a line, such as color, linestyle, linewidth and zorder."""
+
 
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette (2008), without its yellow, which is too light for a line."""

@@ -9,10 +9,9 @@ import numpy as np
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
 from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
-from fraexp.figures.elements.canvas import add_amount_scale, amount_colours
+from fraexp.figures.elements.canvas import LineStyle, add_amount_scale, amount_colours
 from fraexp.figures.elements.grouping import MAX_FACETS, CurvePlace, facet_indices
 from fraexp.figures.elements.labels import drawable
-from fraexp.figures.elements.line_style import LineStyle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -18,10 +18,10 @@ from fraexp.figures.elements.bundles import (
     mix_grey,
     stack_padded,
 )
+from fraexp.figures.elements.canvas import LineStyle
 from fraexp.figures.elements.facets import is_explained
 from fraexp.figures.elements.grouping import CurvePlace, point_indices
 from fraexp.figures.elements.labels import drawable
-from fraexp.figures.elements.line_style import LineStyle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
+from fraexp.figures.elements.canvas import LineStyle
+from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.elements.labels import drawable
-from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.scales import continuous_phase, decibel, degrees, readable_unit
-from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.kinds.difference import on_frequencies
 
 if TYPE_CHECKING:

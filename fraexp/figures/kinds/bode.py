@@ -13,6 +13,7 @@ from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
 from fraexp.figures.elements.bands import DrawnBand, draw_bands
 from fraexp.figures.elements.bundles import Bundle, draw_bundles, stack_padded
+from fraexp.figures.elements.canvas import LineStyle
 from fraexp.figures.elements.facets import facet_panels
 from fraexp.figures.elements.frequency_lines import (
     EXTREMUM_SIZE,
@@ -27,7 +28,6 @@ from fraexp.figures.elements.frequency_lines import (
     split_line,
 )
 from fraexp.figures.elements.grouping import CurvePlace, point_indices
-from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.scales import (
     PLANT_UNITS,
     continuous_phase,

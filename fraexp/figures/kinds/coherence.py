@@ -12,8 +12,7 @@ from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
 from fraexp.figures.elements.facets import by_facet, facet_panels, group_styles
 from fraexp.figures.elements.frequency_lines import GroupedLine, draw_grouped_lines
-from fraexp.figures.elements.grouping import CurvePlace
-from fraexp.figures.elements.shown import ShownResult, curve_places
+from fraexp.figures.elements.grouping import CurvePlace, ShownResult, curve_places
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,9 +12,8 @@ from fraexp.data.results import FrequencyResponse
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
 from fraexp.figures.elements.facets import by_facet, facet_panels, group_styles
-from fraexp.figures.elements.grouping import OWN_PLACE, CurvePlace
+from fraexp.figures.elements.grouping import OWN_PLACE, CurvePlace, ShownResult, curve_places
 from fraexp.figures.elements.scales import continuous_phase, decibel, degree_limits, degrees
-from fraexp.figures.elements.shown import ShownResult, curve_places
 from fraexp.figures.kinds.plant_errors import ErrorCurve, draw_error_parts
 
 if TYPE_CHECKING:

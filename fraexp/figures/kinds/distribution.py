@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from fraexp.data.results import EFFORT
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
+from fraexp.figures.elements.canvas import LineStyle
+from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.elements.labels import MAX_GROUPS, drawable
-from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.scales import DISPLACEMENT_UNITS
-from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.elements.table_panel import FigureTable
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
 from fraexp.figures.elements.facets import facet_panels
 from fraexp.figures.elements.frequency_lines import draw_line
+from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.elements.scales import decibel, readable_unit
-from fraexp.figures.elements.shown import ShownResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
+from fraexp.figures.elements.canvas import LineStyle
 from fraexp.figures.elements.facets import FACET_WIDTH, by_facet, facet_panels, group_styles
 from fraexp.figures.elements.frequency_lines import GroupedLine, draw_grouped_lines, draw_line
-from fraexp.figures.elements.grouping import OWN_PLACE, CurvePlace
-from fraexp.figures.elements.line_style import LineStyle
+from fraexp.figures.elements.grouping import OWN_PLACE, CurvePlace, ShownResult, curve_places
 from fraexp.figures.elements.scales import readable_unit
-from fraexp.figures.elements.shown import ShownResult, curve_places
 from fraexp.figures.kinds.bode import Reference
 
 if TYPE_CHECKING:

@@ -16,6 +16,7 @@ from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
 from fraexp.figures.elements.bands import DrawnBand, draw_bands
 from fraexp.figures.elements.bundles import Bundle, draw_bundles, stack_padded
+from fraexp.figures.elements.canvas import LineStyle
 from fraexp.figures.elements.facets import facet_panels, group_styles, is_explained
 from fraexp.figures.elements.frequency_lines import (
     LIMIT_COLUMNS,
@@ -28,7 +29,6 @@ from fraexp.figures.elements.frequency_lines import (
 )
 from fraexp.figures.elements.grouping import CurvePlace, point_indices
 from fraexp.figures.elements.labels import drawable
-from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.scales import (
     DISPLACEMENT_UNITS,
     FORCE_NAMES,

@@ -12,13 +12,12 @@ from fraexp.data.results import EFFORT, Metric, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
 from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
+from fraexp.figures.elements.canvas import LineStyle
 from fraexp.figures.elements.facets import by_facet
 from fraexp.figures.elements.frequency_lines import GroupedLine, PhasedCurve, draw_grouped_lines, with_gaps
-from fraexp.figures.elements.grouping import CurvePlace, facet_indices
+from fraexp.figures.elements.grouping import CurvePlace, ShownResult, facet_indices
 from fraexp.figures.elements.labels import MAX_GROUPS, drawable
-from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.scales import decibel, decibel_limits, degree_limits, degrees, readable_unit
-from fraexp.figures.elements.shown import ShownResult
 from fraexp.figures.elements.table_panel import FigureTable
 
 if TYPE_CHECKING:

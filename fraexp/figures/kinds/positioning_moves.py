@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
+from fraexp.figures.elements.canvas import LineStyle
 from fraexp.figures.elements.facets import by_facet, facet_panels, group_styles
 from fraexp.figures.elements.frequency_lines import GroupedLine, draw_grouped_lines
 from fraexp.figures.elements.grouping import CurvePlace
-from fraexp.figures.elements.line_style import LineStyle
 from fraexp.figures.elements.scales import DISPLACEMENT_UNITS
 
 if TYPE_CHECKING:

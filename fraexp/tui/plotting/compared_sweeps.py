@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 from fraexp.data.results import Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES, MIN_QUANTILE_CURVES
-from fraexp.figures.elements.grouping import CurvePlace, grid_labels
+from fraexp.figures.elements.grouping import CurvePlace, ShownResult, grid_labels
 from fraexp.figures.elements.labels import label_columns
 from fraexp.figures.elements.scales import readable_unit
-from fraexp.figures.elements.shown import ShownResult
 from fraexp.store import Store, StoredSweep, leave_out_damaged
 from fraexp.tui.plotting import plotted_curves
 from fraexp.tui.plotting.plotted_curves import REFERENCE, Picture, Reference

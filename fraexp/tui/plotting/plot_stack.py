@@ -14,7 +14,7 @@ from textual.message import Message
 from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.data.terminal_text import printable
 from fraexp.figures.elements.bands import finite_span, ordinate_limits
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.elements.view import FREQUENCY_KINDS, View
 from fraexp.tui.plotting.braille import DOTS_ACROSS, DOTS_DOWN, Window
 from fraexp.tui.plotting.curve_styles import CurveStyles, curve_digit

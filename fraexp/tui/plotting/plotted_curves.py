@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from fraexp.data.results import EXTREMUM_CURVES, Curve
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.bundles import Bundle
-from fraexp.figures.elements.grouping import CurvePlace, point_indices
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.grouping import CurvePlace, ShownResult, point_indices
 
 REFERENCE = -1
 """Index of the reference, in place of the index of a sweep."""

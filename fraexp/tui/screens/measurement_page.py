@@ -16,7 +16,7 @@ from textual.widgets import RichLog, Static
 
 from fraexp.data.results import Outcome, Result
 from fraexp.data.terminal_text import printable
-from fraexp.figures.elements.shown import ShownResult
+from fraexp.figures.elements.grouping import ShownResult
 from fraexp.tui.dialogs import ConfirmDialog
 from fraexp.tui.page import Page
 from fraexp.tui.plotting.panels import prefixed_text

@@ -12,8 +12,8 @@ from fraexp_plugins.excitations._shared.amplitude_profile import (
     check_profile,
     relative_amplitude,
 )
-from fraexp_plugins.excitations._shared.broadband_excitation import BroadbandExcitation
 from fraexp_plugins.excitations._shared.sampling import even_samples
+from fraexp_plugins.excitations._shared.settled_excitation import BroadbandExcitation
 
 
 class Chirp(BroadbandExcitation, name="chirp", version=1):

@@ -18,8 +18,7 @@ from fraexp_plugins.excitations._shared.sampling import (
     coherent_half_period,
     sine_wave,
 )
-from fraexp_plugins.excitations._shared.settled_excitation import MAX_SETTLING_TOLERANCE
-from fraexp_plugins.excitations._shared.stepped_excitation import SteppedExcitation
+from fraexp_plugins.excitations._shared.settled_excitation import MAX_SETTLING_TOLERANCE, SteppedExcitation
 
 
 class MovingSine(SteppedExcitation, name="moving_sine", version=1):

@@ -12,8 +12,8 @@ from fraexp_plugins.excitations._shared.amplitude_profile import (
     check_profile,
     relative_amplitude,
 )
-from fraexp_plugins.excitations._shared.broadband_excitation import BroadbandExcitation
 from fraexp_plugins.excitations._shared.sampling import MIN_CYCLES_PER_SAMPLE, even_samples
+from fraexp_plugins.excitations._shared.settled_excitation import BroadbandExcitation
 
 FIRST_CLIPPING_LEVEL, LAST_CLIPPING_LEVEL = 0.75, 0.98
 """Level of clipping over the peak at the first and at the last iteration: these need the fewest iterations."""

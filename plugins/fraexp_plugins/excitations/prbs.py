@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Period, param
-from fraexp_plugins.excitations._shared.broadband_excitation import BroadbandExcitation
+from fraexp_plugins.excitations._shared.settled_excitation import BroadbandExcitation
 
 
 class Prbs(BroadbandExcitation, name="prbs", version=1):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fraexp.api import Period, Segment, param
 from fraexp_plugins.excitations._shared.sampling import sine_wave
-from fraexp_plugins.excitations._shared.stepped_excitation import SteppedExcitation
+from fraexp_plugins.excitations._shared.settled_excitation import SteppedExcitation
 
 FIRST_FORCE_RATIO = 0.1
 """Force tried first, over the maximum force."""

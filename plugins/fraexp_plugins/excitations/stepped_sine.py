@@ -10,7 +10,7 @@ from fraexp_plugins.excitations._shared.amplitude_profile import (
     relative_amplitude,
 )
 from fraexp_plugins.excitations._shared.sampling import sine_wave
-from fraexp_plugins.excitations._shared.stepped_excitation import SteppedExcitation
+from fraexp_plugins.excitations._shared.settled_excitation import SteppedExcitation
 
 
 class SteppedSine(SteppedExcitation, name="stepped_sine", version=1):

@@ -25,7 +25,7 @@ from fraexp.api import (
     param,
     workspace_path,
 )
-from fraexp_plugins.machines._shared.frames import FrameStream, Message
+from fraexp_plugins.machines._shared.axis_server import FrameStream, Message
 
 PATIENCE_SHARE = 0.3
 """Part of the watchdog's time after which what is missing is asked for again."""

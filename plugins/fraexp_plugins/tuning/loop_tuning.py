@@ -30,12 +30,13 @@ from fraexp_plugins.positioning._shared.design_model import DesignModel
 from fraexp_plugins.tuning._shared.friction_gain import FrictionGain, LimitCycle, known_friction, limit_cycles
 from fraexp_plugins.tuning._shared.gain_search import (
     GainSearch,
+    LoopFamily,
+    Margins,
     RequiredMargins,
     closed_loop_radius,
     damped_plant,
     rigid_gain,
 )
-from fraexp_plugins.tuning._shared.loop_margins import LoopFamily, Margins
 from fraexp_plugins.tuning._shared.plant_band import plant_band, plant_of
 
 IDENTIFIED_DEAD_TIME = "input_dead_time"

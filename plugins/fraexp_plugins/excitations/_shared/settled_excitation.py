@@ -1,8 +1,23 @@
-"""Base class of the excitations that settle until periodic before they are recorded."""
+"""Base classes of the excitations that settle until periodic: of lines over a range, and of one sine after another."""
 
 from abc import ABC
+from collections import Counter
+from fractions import Fraction
+from functools import cached_property
+from operator import itemgetter
 
-from fraexp.api import Excitation, Schedule, param
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import Excitation, ParameterError, Schedule, param
+from fraexp_plugins.excitations._shared.sampling import (
+    FREQUENCY_TOLERANCE,
+    MAX_RECORDED_SAMPLES,
+    MAX_SAMPLES_PER_PERIOD,
+    MIN_CYCLES_PER_SAMPLE,
+    CoherentBlock,
+    coherent_block,
+)
 
 MAX_SETTLING_TOLERANCE = 0.1
 """Greatest tolerance: the error of a response is about half of it, that of the proposed method up to three times it."""
@@ -26,3 +41,159 @@ class SettledExcitation(Excitation, ABC):
     def schedule(self) -> Schedule:
         """Settle until periodic."""
         return Schedule(self.ramp, self.settling_tolerance, self.settling_timeout, self.recorded_periods)
+
+
+MAX_JOINT_SHIFT = 2 * FREQUENCY_TOLERANCE
+"""Relative distance up to which two frequencies may be moved to the same one."""
+
+
+class SteppedExcitation(SettledExcitation, ABC):
+    """One frequency after another on a logarithmic grid, each in its periodic state."""
+
+    min_frequency: float = param("Hz", "lowest frequency", 1.0, above=0)
+    max_frequency: float = param("Hz", "highest frequency", 200.0, above=0)
+    points: int = param("1", "number of frequencies, spaced logarithmically", 100, at_least=1, at_most=100_000)
+    frequencies: tuple[float, ...] = param("Hz", "frequencies in place of min_frequency, max_frequency and points", ())
+    min_record_time: float = param("s", "minimum time recorded", 0.0, at_least=0, at_most=10_000)
+
+    def model_post_init(self, context: object) -> None:
+        """Check the grid."""
+        if not self.frequencies and self.min_frequency > self.max_frequency:
+            raise ParameterError(
+                f"{self.name}.min_frequency is {self.min_frequency:g} Hz; "
+                f"it must not be above max_frequency, {self.max_frequency:g} Hz"
+            )
+        if min(self.frequencies, default=1.0) <= 0:
+            raise ParameterError(f"{self.name}.frequencies must be above 0 Hz")
+        frequency, count = max(Counter(self.frequencies).items(), key=itemgetter(1), default=(0.0, 0))
+        if count > 1:
+            raise ParameterError(
+                f"{self.name}.frequencies has {frequency:.10g} Hz {count} times; expected each once: "
+                "for more periods raise 'recorded_periods'"
+            )
+
+    @cached_property
+    def grid(self) -> NDArray[np.float64]:
+        """The frequencies asked for [Hz], shape (n,)."""
+        if self.frequencies:
+            return np.array(self.frequencies)
+        return np.geomspace(self.min_frequency, self.max_frequency, self.points)
+
+    def check(self, sample_time: float) -> None:
+        """Refuse frequencies from the Nyquist frequency on, those that are alike, and periods beyond the memory."""
+        longest = 1 / max(self.grid.min() * sample_time, MIN_CYCLES_PER_SAMPLE)
+        if longest > MAX_SAMPLES_PER_PERIOD:
+            raise ParameterError(
+                f"{self.name} has {longest:.3g} samples per period at {self.grid.min():g} Hz and a sample time of "
+                f"{sample_time:g} s; expected {MAX_SAMPLES_PER_PERIOD:,} or fewer: raise 'min_frequency', "
+                "or lengthen loop.sample_time"
+            )
+        recorded = np.maximum(self.recorded_periods / self.grid, self.min_record_time).sum() / sample_time
+        if recorded > MAX_RECORDED_SAMPLES:
+            raise ParameterError(
+                f"{self.name} records {recorded:.3g} samples at {self.grid.size:,} frequencies; expected "
+                f"{MAX_RECORDED_SAMPLES:,} or fewer: lower 'points', 'recorded_periods' or 'min_record_time', "
+                "or raise 'min_frequency'"
+            )
+        if self.grid.max() * sample_time >= 0.5:
+            raise ParameterError(
+                f"{self.name} reaches {self.grid.max():g} Hz; at a sample time of {sample_time:g} s the Nyquist "
+                f"frequency is {0.5 / sample_time:g} Hz: lower 'max_frequency', or shorten loop.sample_time"
+            )
+        self._check_distances(sample_time)
+
+    def _check_distances(self, sample_time: float) -> None:
+        """Refuse frequencies that are so close that they are moved to the same one."""
+        grid = np.sort(self.grid)
+        is_close = np.diff(grid) <= MAX_JOINT_SHIFT * grid[1:]
+        first_with: dict[Fraction, float] = {}
+        for frequency in grid[np.append(is_close, False) | np.append(False, is_close)].tolist():
+            block = self.block(frequency, sample_time)
+            moved = Fraction(block.cycles, block.samples)
+            if moved in first_with:
+                fitting = 1 + int(np.log(grid[-1] / grid[0]) / -np.log1p(-MAX_JOINT_SHIFT))
+                raise ParameterError(
+                    f"{self.name} has {first_with[moved]:.10g} and {frequency:.10g} Hz, and both become "
+                    f"{float(moved) / sample_time:.10g} Hz, where whole periods fit into whole samples of "
+                    f"{sample_time:g} s; expected frequencies farther apart, by {MAX_JOINT_SHIFT:.1%} or more: "
+                    + ("leave one of them out" if self.frequencies else f"lower 'points' to {fitting:,} or fewer")
+                )
+            first_with[moved] = frequency
+
+    def block(self, frequency: float, sample_time: float) -> CoherentBlock:
+        """Return the whole cycles in whole samples at which a frequency [Hz] of the grid is run."""
+        return coherent_block(frequency * sample_time)
+
+    @property
+    def schedule(self) -> Schedule:
+        """Settle until periodic."""
+        return Schedule(
+            self.ramp, self.settling_tolerance, self.settling_timeout, self.recorded_periods, self.min_record_time
+        )
+
+
+EDGE_TOLERANCE = 1e-9
+"""Relative distance beyond an end of the frequency range at which a line still counts as within it."""
+
+
+class BroadbandExcitation(SettledExcitation, ABC):
+    """Lines over a frequency range in one period; settled, or with the transient from rest."""
+
+    min_frequency: float = param("Hz", "lowest frequency", 1.0, above=0)
+    max_frequency: float = param("Hz", "highest frequency", 200.0, above=0)
+    settling_timeout: float = param("s", "time after which settling is given up", 60.0, above=0, at_most=10_000)
+    transient: bool = param("", "whether to record from rest, transient included", False)
+    recorded_periods: int = param("1", "whole periods recorded", 2, at_least=1, at_most=100_000)
+
+    def model_post_init(self, context: object) -> None:
+        """Check the frequency range."""
+        if self.min_frequency > self.max_frequency:
+            raise ParameterError(
+                f"{self.name}.min_frequency is {self.min_frequency:g} Hz; "
+                f"it must not be above max_frequency, {self.max_frequency:g} Hz"
+            )
+
+    @property
+    def schedule(self) -> Schedule:
+        """Settle until periodic, or record from rest."""
+        if self.transient:
+            return Schedule(settling_timeout=0.0, recorded_periods=self.recorded_periods)
+        return super().schedule
+
+    def harmonic_range(self, period: float) -> tuple[int, int]:
+        """Return the lowest and the highest harmonic of a period [s] that lie in the frequency range."""
+        lowest = self.min_frequency * period * (1 - EDGE_TOLERANCE)
+        highest = self.max_frequency * period * (1 + EDGE_TOLERANCE)
+        return max(int(np.ceil(lowest)), 1), int(np.floor(highest))
+
+    def check_size(self, samples: float, sample_time: float, realisations: int = 1) -> None:
+        """Refuse a range that reaches the Nyquist frequency, and more samples than fit into memory."""
+        if self.max_frequency * sample_time >= 0.5:
+            raise ParameterError(
+                f"{self.name} reaches {self.max_frequency:g} Hz; at a sample time of {sample_time:g} s the Nyquist "
+                f"frequency is {0.5 / sample_time:g} Hz: lower 'max_frequency', or shorten loop.sample_time"
+            )
+        if samples > MAX_SAMPLES_PER_PERIOD:
+            raise ParameterError(
+                f"{self.name} has {samples:,.0f} samples per period at a sample time of {sample_time:g} s; "
+                f"expected {MAX_SAMPLES_PER_PERIOD:,} or fewer: shorten the period, or lengthen loop.sample_time"
+            )
+        recorded = samples * self.recorded_periods * realisations
+        if recorded > MAX_RECORDED_SAMPLES:
+            raise ParameterError(
+                f"{self.name} records {recorded:,.0f} samples in all; expected {MAX_RECORDED_SAMPLES:,} or fewer: "
+                "lower 'recorded_periods', or shorten the period"
+            )
+
+    def check_lines(self, lines: NDArray[np.int64], samples: int, sample_time: float) -> None:
+        """Refuse a range without lines, and a line that rounding has moved to the Nyquist frequency."""
+        if not lines.size:
+            raise ParameterError(
+                f"{self.name} has no line between {self.min_frequency:g} and {self.max_frequency:g} Hz; "
+                "widen the frequency range, or lengthen the period"
+            )
+        if 2 * lines[-1] >= samples:
+            raise ParameterError(
+                f"{self.name} has a line at {lines[-1] / (samples * sample_time):g} Hz, the Nyquist frequency at a "
+                f"sample time of {sample_time:g} s: lower 'max_frequency', or shorten loop.sample_time"
+            )

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Estimator, FrictionModel, Motion, Result
-from fraexp_plugins.tuning._shared.loop_margins import LoopFamily
+from fraexp_plugins.tuning._shared.gain_search import LoopFamily
 
 POINTS = 256
 """Points of the sine along which a law is driven."""
