@@ -134,8 +134,11 @@ class FrictionModel(Component, ABC):
 
     @property
     def viscous(self) -> float:
-        """Linear viscous coefficient [N s/m] on top of the law; loop and observer treat it exactly."""
-        return 0.0
+        """Linear viscous coefficient [N s/m] on top of the law; loop and observer treat it exactly.
+
+        By default the parameter `viscous_coefficient`, if the model has one.
+        """
+        return float(getattr(self, "viscous_coefficient", 0.0))
 
     @property
     def has_unique_periodic_force(self) -> bool:

@@ -149,12 +149,9 @@ class ControllerParts:
             {**states, **_law_states(friction)},
             (
                 BlockInput("control", self._force, "control input of this sample"),
-                BlockInput("position", self._length, "measured position"),
+                self._position,
             ),
-            {
-                "path": (older_share, *gains, sample_time),
-                **_law(friction),
-            },
+            {"path": (older_share, *gains, sample_time), **_law(friction)},
             BlockInput("effective", self._force, "effective control input"),
             np.column_stack([control, position]),
         )
@@ -199,12 +196,9 @@ class ControllerParts:
             f"Feedback C(z), {derivative}; its integral waits while the control input is at its limit",
             function,
             {**_feedback_states(constants), **states},
-            (
-                BlockInput("setpoint", self._length, "where it is to be"),
-                BlockInput("position", self._length, "measured position"),
-            ),
+            (self._setpoint, self._position),
             constants,
-            BlockInput("control", self._force, "control input"),
+            self._control,
             np.column_stack([setpoint, position]),
             self._settings,
         )
@@ -228,7 +222,7 @@ class ControllerParts:
                 **(_law_states(friction) if friction else {"z": 1, "z_next": 1}),
             },
             (
-                BlockInput("position", self._length, "measured position"),
+                self._position,
                 BlockInput("target", self._length, "target; at the first call the position at which the axis rests"),
             ),
             {
@@ -243,7 +237,7 @@ class ControllerParts:
                 **constants,
                 **law,
             },
-            BlockInput("control", self._force, "control input"),
+            self._control,
             np.column_stack([position, target]),
             self._settings,
         )
@@ -256,12 +250,9 @@ class ControllerParts:
             f"Feedback, and {compensation.gain:g} of the friction force by the law {friction.name}",
             blocks.compensated_feedback,
             {**_feedback_states(constants), "last_setpoint": 2, "past": 2, **_law_states(friction)},
-            (
-                BlockInput("position", self._length, "measured position"),
-                BlockInput("setpoint", self._length, "where it is to be"),
-            ),
+            (self._position, self._setpoint),
             {**constants, "compensation": (float(compensation.gain), sample_time, _law(friction)["friction"])},
-            BlockInput("control", self._force, "control input"),
+            self._control,
             np.column_stack([position, np.roll(position, -2)]),
             self._settings,
         )
@@ -271,6 +262,18 @@ class ControllerParts:
         limit = self.force_limit
         meaning = "greatest control input of the drive"
         return (Setting("force_limit", self._force, meaning, limit, limit or TEST_FORCE_LIMIT),)
+
+    @property
+    def _position(self) -> BlockInput:
+        return BlockInput("position", self._length, "measured position")
+
+    @property
+    def _setpoint(self) -> BlockInput:
+        return BlockInput("setpoint", self._length, "where it is to be")
+
+    @property
+    def _control(self) -> BlockInput:
+        return BlockInput("control", self._force, "control input")
 
     @property
     def _force(self) -> str:

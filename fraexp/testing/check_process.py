@@ -23,7 +23,7 @@ from fraexp.components.registry import Registry, components_in, discover, reason
 from fraexp.errors import FraexpError, PluginError
 from fraexp.kernels.call_watch import hang_listener, running_call_text
 from fraexp.testing.check_catalogue import checks_for, quick_checks_for
-from fraexp.testing.check_report import Finding, Verdict, findings, quick_findings
+from fraexp.testing.check_report import Finding, Verdict, findings
 from fraexp.testing.conformance_check import Check
 from fraexp.testing.walk import Drive, describe_component
 
@@ -180,12 +180,7 @@ class CheckProcess:
             checks={check.name: check.meaning for check in quick},
             left_out=[check.name for check in checks if check.name in left_out],
         )
-        found = (
-            quick_findings(component, self._note_example)
-            if self._quick
-            else findings(component, on_example=self._note_example)
-        )
-        for finding in found:
+        for finding in findings(component, on_example=self._note_example, is_quick=self._quick):
             self._report(finding=_finding_document(finding))
 
     def _note_example(self, check: Check, example: object) -> None:

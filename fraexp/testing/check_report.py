@@ -154,33 +154,24 @@ def findings(
     checks: Iterable[Check] | None = None,
     expected_failures: Mapping[str, str] | None = None,
     on_example: ExampleListener = lambda check, example: None,
+    is_quick: bool = False,
 ) -> Iterator[Finding]:
-    """Yield the findings one after another, as `run_checks` reports them; `on_example` is called with each example."""
+    """Yield the findings one after another, as `run_checks` reports them; `on_example` is called with each example.
+
+    Quick checks try fewer examples, and compile nothing.
+    """
     expected = expectations(component, expected_failures)
+    applicable = (quick_checks_for if is_quick else checks_for)(component)
     last: Finding | None = None
-    for check in checks if checks is not None else checks_for(component):
+    for check in applicable if checks is None else checks:
         if last and (check.is_compiled or not last.check.is_compiled):
             yield Finding(check, Verdict.NOT_RUN, last.stop_reason)
             continue
-        finding = run_check(check, component, expected.get(check.name), on_example)
-        last = finding if finding.stop_reason else last
-        yield finding
-
-
-def quick_findings(
-    component: type[Component], on_example: ExampleListener = lambda check, example: None
-) -> Iterator[Finding]:
-    """Yield what the quick checks of a component find: fewer examples, and nothing compiled."""
-    expected, last = expectations(component), ""
-    for check in quick_checks_for(component):
-        if last:
-            yield Finding(check, Verdict.NOT_RUN, last)
-            continue
-        target = interpreted_class(component) if check.make_strategy else component
+        target = interpreted_class(component) if is_quick and check.make_strategy else component
         finding = run_check(check, target, expected.get(check.name), on_example)
-        if finding.verdict is Verdict.UNEXPECTED:  # a few examples are no proof that it passes
+        if is_quick and finding.verdict is Verdict.UNEXPECTED:  # a few examples are no proof that it passes
             finding = Finding(check, Verdict.SKIPPED, f"declared to fail: {expected[check.name]}")
-        last = finding.stop_reason
+        last = finding if finding.stop_reason else last
         yield finding
 
 

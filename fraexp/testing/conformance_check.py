@@ -26,10 +26,6 @@ class NotApplicableError(Exception):
 class Check:
     """One named sentence about a component."""
 
-    name: str
-    """Its name in reports and in `expected_failures`."""
-    meaning: str
-    """The sentence."""
     body: Callable[[Any], None]
     """Raises ViolationError for an example (or for the class itself) that breaks the sentence."""
     make_strategy: StrategyMaker | None = None
@@ -40,43 +36,22 @@ class Check:
     """Number of examples in a quick check, which compiles nothing; 0 if it is left out of that."""
     is_compiled: bool = False
     """Whether it compiles a law, or asks for signals that compiled code has made."""
-
     shrinks: bool = True
     """Whether, once an example breaks the check, a smaller one is searched for."""
+
+    @property
+    def name(self) -> str:
+        """Its name in reports and in `expected_failures`: that of the function."""
+        return self.body.__name__.replace("_", "-")
+
+    @property
+    def meaning(self) -> str:
+        """The sentence: the documentation of the function."""
+        return " ".join(inspect.cleandoc(self.body.__doc__ or "").split())
 
     def quick(self) -> "Check":
         """Return the quick form of the check."""
         return replace(self, examples=self.quick_examples, is_compiled=False, shrinks=False)
-
-
-def class_check(body: Callable[[Any], None], is_compiled: bool = False) -> Check:
-    """Return a check of component classes; its name and meaning are those of the function and its docstring.
-
-    A compiled check is left out of quick ones.
-    """
-    return Check(
-        _check_name(body), _check_meaning(body), body, quick_examples=int(not is_compiled), is_compiled=is_compiled
-    )
-
-
-def example_check(
-    body: Callable[[Any], None],
-    make_strategy: StrategyMaker,
-    examples: int,
-    quick: int = 0,
-    is_compiled: bool = False,
-    shrinks: bool = True,
-) -> Check:
-    """Return a check of drawn examples; its name and meaning are those of the function and its docstring."""
-    return Check(_check_name(body), _check_meaning(body), body, make_strategy, examples, quick, is_compiled, shrinks)
-
-
-def _check_name(body: Callable[..., None]) -> str:
-    return body.__name__.replace("_", "-")
-
-
-def _check_meaning(body: Callable[..., None]) -> str:
-    return " ".join(inspect.cleandoc(body.__doc__ or "").split())
 
 
 def require(condition: object, reason: str) -> None:

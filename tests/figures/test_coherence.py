@@ -25,12 +25,9 @@ def test_coherence_and_distortion_are_shown_where_they_are_known() -> None:
         shown("spectral", coherence=np.array([0.9, 0.7, 0.8])),
         shown("nothing"),
     ])  # fmt: skip
-    stepped, spectral = info.curves
-    assert stepped.coherence is None
-    np.testing.assert_allclose(stepped.distortion, 2)  # per cent
-    np.testing.assert_allclose(spectral.coherence, [0.9, 0.8, 0.7])
-    assert spectral.distortion is None
-    assert info.parts == ("coherence", "distortion")
+    assert [[line.name for line in lines] for lines in info.rows.values()] == [["spectral"], ["stepped"]]
+    np.testing.assert_allclose(info.rows["distortion"][0].y, 2)  # per cent
+    np.testing.assert_allclose(info.rows["coherence"][0].y, [0.9, 0.8, 0.7])
     assert not info.is_logarithmic
     figure = draw_coherence(info)
     assert [axes.get_ylabel() for axes in figure.axes] == ["Squared coherence [1]", "Harmonic distortion [%]"]
@@ -39,7 +36,7 @@ def test_coherence_and_distortion_are_shown_where_they_are_known() -> None:
 def test_one_panel_is_drawn_if_one_is_known_and_decades_have_their_axis() -> None:
     few = [shown("a", distortion=0.001), shown("b", distortion=0.5)]
     info = coherence_info(few)
-    assert info.parts == ("distortion",)
+    assert list(info.rows) == ["distortion"]
     assert info.is_logarithmic
     (axes,) = draw_coherence(info).axes
     assert axes.get_yscale() == "log"

@@ -27,13 +27,13 @@ def test_levels_are_standard_deviations_on_the_scale_of_the_response() -> None:
         nonlinear_variance=np.full(3, 1e-8),
     )
     info = levels_info([of])
-    (panel,) = info.panels
+    levels = {line.name: line.y for line in info.lines}
     assert info.unit == "mm/N"
-    np.testing.assert_allclose(panel.frequency, [1, 2, 3])
-    np.testing.assert_allclose(panel.quantities[RESPONSE], [0, 0, -20])
-    np.testing.assert_allclose(panel.quantities[TOTAL], -40 + 10 * np.log10(2))  # real and imaginary part
-    np.testing.assert_allclose(panel.quantities[NOISE], [-60, np.nan, -80])
-    np.testing.assert_allclose(panel.quantities[NONLINEAR], -20)
+    np.testing.assert_allclose(info.lines[0].x, [1, 2, 3])
+    np.testing.assert_allclose(levels[RESPONSE], [0, 0, -20])
+    np.testing.assert_allclose(levels[TOTAL], -40 + 10 * np.log10(2))  # real and imaginary part
+    np.testing.assert_allclose(levels[NOISE], [-60, np.nan, -80])
+    np.testing.assert_allclose(levels[NONLINEAR], -20)
 
 
 def test_odd_and_even_distortions_are_drawn_and_listed_where_detection_lines_tell_them_apart() -> None:
@@ -46,9 +46,9 @@ def test_odd_and_even_distortions_are_drawn_and_listed_where_detection_lines_tel
     }
     curve = Curve("distortion levels", columns, {"frequency": "Hz", "output": "m", "odd": "m", "even": "m"})
     result = replace(plain.result, curves=(curve,))
-    (panel,) = levels_info([replace(plain, result=result)]).panels
-    np.testing.assert_allclose(panel.quantities[ODD], [-20, -20, -20], atol=1e-9)  # |Ĝ| of 0, 0 and -20 dB
-    np.testing.assert_allclose(panel.quantities[EVEN], [-60, -60, -80], atol=1e-9)
+    levels = {line.name: line.y for line in levels_info([replace(plain, result=result)]).lines}
+    np.testing.assert_allclose(levels[ODD], [-20, -20, -20], atol=1e-9)  # |Ĝ| of 0, 0 and -20 dB
+    np.testing.assert_allclose(levels[EVEN], [-60, -60, -80], atol=1e-9)
     assert result.response is not None
     titles, rows, _ = response_table(result.response, None, result.parity_levels)
     assert [[row[titles.index(f"{name} [dB]")] for name in ("odd", "even")] for row in rows] == [
@@ -61,8 +61,7 @@ def test_odd_and_even_distortions_are_drawn_and_listed_where_detection_lines_tel
 def test_only_what_is_known_is_drawn() -> None:
     known = shown("known", deviation=np.full(3, 1e-5))
     info = levels_info([known, shown("nothing known")])
-    assert [panel.label for panel in info.panels] == ["known"]
-    assert list(info.panels[0].quantities) == [RESPONSE, TOTAL]
+    assert [(line.place.facet, line.name) for line in info.lines] == [("known", RESPONSE), ("known", TOTAL)]
     figure = draw_levels(info)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [RESPONSE, TOTAL]
     with pytest.raises(FraexpError, match="no response has noise"):

@@ -20,9 +20,9 @@ def test_responses_lie_in_the_complex_plane_in_the_unit_people_read() -> None:
     (curve,) = info.curves
     assert info.unit == "mm/N"
     np.testing.assert_allclose(curve.frequency, [1, 3, 10])
-    np.testing.assert_allclose(curve.real, [1, -2, 0], atol=1e-12)
-    np.testing.assert_allclose(curve.imaginary, [0, 0, 1], atol=1e-12)
-    assert curve.settled.tolist() == [True, False, True]
+    np.testing.assert_allclose(curve.x, [1, -2, 0], atol=1e-12)
+    np.testing.assert_allclose(curve.y, [0, 0, 1], atol=1e-12)
+    assert curve.usable.tolist() == [True, False, True]
     assert curve.size == pytest.approx(1)  # the point of 2 had not settled
     assert curve.marked_points()[10.0] == 2
     assert 3.0 not in curve.marked_points()

@@ -7,7 +7,7 @@ from fraexp.data.results import Curve, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.drawing import draw_figure
 from fraexp.figures.elements.grouping import CurvePlace, ShownResult
-from fraexp.figures.kinds.positioning_moves import MIN_HEIGHT_RATIO, is_positioning, positioning_info
+from fraexp.figures.kinds.positioning_moves import AXIS_MARGIN, MIN_HEIGHT_RATIO, is_positioning, positioning_info
 
 BAND = 4e-6
 
@@ -41,11 +41,12 @@ def test_it_is_drawn_by_itself_where_there_are_such_curves():
 
 
 def test_deviation_and_time_count_from_the_move_on():
-    (move,) = positioning_info([("a", motion(20e-6, wait=30), CurvePlace())]).moves
-    assert move.time[30] == pytest.approx(0)
-    assert move.deviation[30] == pytest.approx(-1000)
-    assert move.deviation[71] == pytest.approx(20)
-    assert move.residual == pytest.approx(20)
+    info = positioning_info([("a", motion(20e-6, wait=30), CurvePlace())])
+    (move,) = info.deviations
+    assert move.x[30] == pytest.approx(0)
+    assert move.y[30] == pytest.approx(-1000)
+    assert move.y[71] == pytest.approx(20)
+    assert info.height == pytest.approx(AXIS_MARGIN * 20)
 
 
 def test_the_axis_shows_a_few_bands_and_is_logarithmic_where_that_is_not_enough():

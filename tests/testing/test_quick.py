@@ -11,7 +11,7 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.components.kinds import Component
 from fraexp.testing.check_catalogue import checks_for, quick_checks_for
-from fraexp.testing.check_report import Verdict, quick_findings
+from fraexp.testing.check_report import Verdict, findings
 from tests.testing import defects, other_defects
 
 SLOW_TO_SEE = {"elsewhere", "compiled", "endurance", "linear-plant", "result-units", "outcome", "covariance"}
@@ -27,14 +27,16 @@ def named(part: object) -> str:
 @pytest.mark.thorough
 @pytest.mark.parametrize(("component", "name"), QUICK, ids=named)
 def test_a_seeded_defect_is_found_quickly_by_name(component: type[Component], name: str) -> None:
-    found = {finding.check.name: finding for finding in quick_findings(component)}
+    found = {finding.check.name: finding for finding in findings(component, is_quick=True)}
     assert found[name].verdict is Verdict.FAILED
     assert found[name].reason
 
 
 @pytest.mark.parametrize("component", [defects.Element, *other_defects.SOUND], ids=named)
 def test_nothing_is_found_in_a_component_without_defect(component: type[Component]) -> None:
-    assert [finding.reason for finding in quick_findings(component) if finding.verdict is not Verdict.PASSED] == []
+    assert [
+        finding.reason for finding in findings(component, is_quick=True) if finding.verdict is not Verdict.PASSED
+    ] == []
 
 
 def test_only_what_needs_the_compiler_or_a_simulation_is_left_out() -> None:

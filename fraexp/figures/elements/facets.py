@@ -44,8 +44,11 @@ def panel_places(places: Sequence[CurvePlace], kind: str) -> list[CurvePlace]:
     return list(places)
 
 
-def group_styles(places: Sequence[CurvePlace]) -> dict[str, LineStyle]:
-    """Return the line style of each group, which all facets share; amounts of many values are a scale of colours."""
+def group_styles(places: Sequence[CurvePlace], is_ordered: bool = True) -> dict[str, LineStyle]:
+    """Return the line style of each group, which all facets share; amounts of many values are a scale of colours.
+
+    Groups that are not ordered, such as curves with other names, do not become a scale however many they are.
+    """
     names = list(dict.fromkeys(of.group for of in places))
     if any(of.is_mapped for of in places):
         colours = amount_colours([of.row for of in places])
@@ -55,7 +58,8 @@ def group_styles(places: Sequence[CurvePlace]) -> dict[str, LineStyle]:
         }
     if all(of.group == of.facet for of in places):
         return dict.fromkeys(names, canvas.line_styles(1)[0])
-    return dict(zip(names, canvas.line_styles(len(names)), strict=True))
+    is_scale = is_ordered or len(names) <= len(canvas.OKABE_ITO)
+    return dict(zip(names, (canvas.line_styles if is_scale else canvas.named_styles)(len(names)), strict=True))
 
 
 def is_explained(places: Sequence[CurvePlace]) -> bool:
@@ -78,8 +82,6 @@ class FacetPanels:
 
         Without `x_titles` those below stay as they are. The title of the figure is `above` that of its only facet.
         """
-        from fraexp.figures.elements import canvas
-
         count = len(self.facets)
         for index, (name, panels) in enumerate(self.facets.items()):
             is_first = not self.is_shared or index % self.columns == 0
@@ -110,10 +112,22 @@ class FacetPanels:
         """All panels."""
         return [axes for panels in self.facets.values() for axes in panels]
 
+    def finish(
+        self,
+        title: str,
+        x_titles: Sequence[str],
+        y_titles: Sequence[str],
+        places: Sequence[CurvePlace],
+        above: bool = False,
+    ) -> "Figure":
+        """Return the figure with a grid, its titles (see `label`), and a legend of the curves at these places."""
+        canvas.draw_grid(*self.all)
+        self.label(title, x_titles, y_titles, above)
+        self.add_legend(places)
+        return self.figure
+
     def add_legend(self, places: Sequence[CurvePlace]) -> None:
         """Add the legend below, or the scale of colours of amounts at the right."""
-        from fraexp.figures.elements import canvas
-
         axis = next((of.axis for of in places if of.is_mapped), "")
         if axis:
             add_amount_scale(self.figure, self.all, [of.row for of in places], axis)

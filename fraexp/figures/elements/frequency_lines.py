@@ -1,6 +1,6 @@
 """Lines over frequency: settled points near each other are joined, unsettled ones hollow; models; confidence bands."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -19,7 +19,7 @@ from fraexp.figures.elements.bundles import (
     stack_padded,
 )
 from fraexp.figures.elements.canvas import LineStyle
-from fraexp.figures.elements.facets import is_explained
+from fraexp.figures.elements.facets import FacetPanels, facet_panels, group_styles, is_explained
 from fraexp.figures.elements.grouping import CurvePlace, point_indices
 from fraexp.figures.elements.labels import drawable
 
@@ -207,6 +207,10 @@ class GroupedLine:
     """Whether the point had settled, shape (n,); the others are hollow. None for all."""
     band: NDArray[np.float64] | None = None
     """Lower and upper 95 % limit, shape (2, n); None if they are unknown."""
+    model: NDArray[np.float64] | None = None
+    """Values of a model, shape (n,), through which the line goes in place of the points; None without one."""
+    key: str = ""
+    """Key of its sweep."""
 
     @property
     def usable(self) -> NDArray[np.bool_]:
@@ -230,8 +234,15 @@ def draw_grouped_lines(
         add_quantile_legend(axes)
     singles = [of[0] for of in points if len(of) == 1]
     for line in singles:
-        name = "" if explained else line.place.group or line.name
-        draw_line(axes, line.x, line.y, line.usable, name if line.name else "", styles[line.place.group])
+        style, name = styles[line.place.group], "" if explained or not line.name else line.place.group or line.name
+        if line.model is None:
+            draw_line(axes, line.x, line.y, line.usable, name, style)
+            continue
+        draw_points_and_model(axes, (line.x, line.y), np.isfinite(line.y), (line.x, line.model), style)
+        if name:
+            add_fitted_legend(axes, name, style)
+    if any(line.model is not None for line in singles):
+        add_model_legend(axes, "model")
     bands = [
         DrawnBand(of.x, of.y, with_gaps(of.band, of.usable), colours[of.place.group])
         for of in singles
@@ -244,3 +255,31 @@ def _bundle(sample: Sequence[GroupedLine]) -> Bundle:
     place = sample[0].place
     y = [with_gaps(of.y, of.usable) for of in sample]
     return Bundle(place.group, stack_padded([of.x for of in sample]), stack_padded(y), place.sample)
+
+
+def draw_rows(
+    rows: Sequence[Sequence[GroupedLine]],
+    size: tuple[float, float],
+    heights: Sequence[float] = (),
+    facet_height: float = 3.7,
+    *,
+    styles: Mapping[str, LineStyle] | None = None,
+    is_shared: bool = True,
+    below: Sequence[int] = (),
+    beside: Sequence[int] = (),
+) -> FacetPanels:
+    """Return panels for the facets of lines, with those of each row drawn one below the other (see `facet_panels`)."""
+    places = [line.place for row in rows for line in row]
+    names = list(dict.fromkeys(place.facet for place in places))
+    panels = facet_panels(names, size, heights or (1.0,) * len(rows), facet_height, is_shared, below, beside)
+    chosen = group_styles(places) if styles is None else styles
+    for name, facet in panels.facets.items():
+        for axes, row in zip(facet, rows, strict=True):
+            draw_grouped_lines(axes, [line for line in row if line.place.facet == name], chosen)
+    return panels
+
+
+def frequency_span(lines: Iterable[GroupedLine | PhasedCurve]) -> tuple[float, float]:
+    """Return the lowest and the highest frequency of lines over frequency."""
+    everything = np.concatenate([of.x if isinstance(of, GroupedLine) else of.frequency for of in lines])
+    return float(everything.min()), float(everything.max())

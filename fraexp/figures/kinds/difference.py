@@ -12,6 +12,7 @@ from fraexp.data.results import FrequencyResponse
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
 from fraexp.figures.elements.facets import by_facet, facet_panels, group_styles
+from fraexp.figures.elements.frequency_lines import frequency_span
 from fraexp.figures.elements.grouping import OWN_PLACE, CurvePlace, ShownResult, curve_places
 from fraexp.figures.elements.scales import continuous_phase, decibel, degree_limits, degrees
 from fraexp.figures.kinds.plant_errors import ErrorCurve, draw_error_parts
@@ -238,16 +239,11 @@ def draw_difference(info: DifferenceInfo) -> "Figure":
     with canvas.figure_style():
         facets = by_facet(list(zip(info.curves, places, strict=True)), places)
         panels = facet_panels(list(facets), (9.0, 6.2), (1.0, 1.0), facet_height=5.0)
-        styles = group_styles([info.place, *places])
-        draw_error_parts(list(panels.facets.values()), list(facets.values()), styles)
+        draw_error_parts(list(panels.facets.values()), list(facets.values()), group_styles([info.place, *places]))
         upper, lower = panels.first
-        frequency = np.concatenate([curve.frequency for curve in info.curves])
-        canvas.set_log_abscissa(lower, (float(frequency.min()), float(frequency.max())))
-        canvas.draw_grid(*panels.all)
+        canvas.set_log_abscissa(lower, frequency_span(info.curves))
         y_titles = (
             canvas.error_axis_title(upper, "Magnitude difference", "dB"),
             canvas.error_axis_title(lower, "Phase difference", "deg"),
         )
-        panels.label(info.title, ["Frequency [Hz]"], y_titles)
-        panels.add_legend(places)
-    return panels.figure
+        return panels.finish(info.title, ["Frequency [Hz]"], y_titles, places)

@@ -1,23 +1,20 @@
 """Hysteresis loops: friction force over displacement of friction models and machines."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
-from fraexp.figures.elements.canvas import LineStyle
 from fraexp.figures.elements.facets import by_facet, facet_panels, group_styles
 from fraexp.figures.elements.frequency_lines import GroupedLine, add_band_legend, curve_limits, draw_grouped_lines
 from fraexp.figures.elements.grouping import CurvePlace
 from fraexp.figures.elements.scales import DISPLACEMENT_UNITS, FORCE_NAMES, displacement_unit
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 PlacedCurve = tuple[str, Curve, CurvePlace]
@@ -27,28 +24,14 @@ MAX_STROKE_RATIO = 5.0
 
 
 @dataclass(frozen=True)
-class HysteresisLoop:
-    """A loop as it is drawn."""
-
-    label: str
-    displacement: NDArray[np.float64]
-    """Displacement [unit of its panel], shape (n,)."""
-    force: NDArray[np.float64]
-    """Friction force [N], shape (n,)."""
-    limits: NDArray[np.float64] | None
-    """Lower and upper 95 % limit of the force [N], shape (2, n); None if they are unknown."""
-    place: CurvePlace
-    """Where it belongs; loops with the same point are a sample."""
-
-
-@dataclass(frozen=True)
 class HysteresisPanel:
     """Loops of similar stroke."""
 
     title: str
     unit: str
     """Unit of the displacement: ``nm``, ``µm`` or ``mm``."""
-    loops: tuple[HysteresisLoop, ...]
+    loops: tuple[GroupedLine, ...]
+    """Friction force over displacement."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +46,7 @@ class HysteresisInfo:
     @property
     def is_alike(self) -> bool:
         """Whether the panels have similar strokes, so that they share their axes."""
-        reach = [max(float(np.abs(loop.displacement).max()) for loop in panel.loops) for panel in self.panels]
+        reach = [max(float(np.abs(loop.x).max()) for loop in panel.loops) for panel in self.panels]
         return len({panel.unit for panel in self.panels}) == 1 and max(reach) <= MAX_STROKE_RATIO * min(reach)
 
     @property
@@ -120,7 +103,7 @@ def _hysteresis_panels(title: str, curves: Sequence[PlacedCurve]) -> list[Hyster
     largest = max(float(np.max(np.abs(curve.columns["displacement"]))) for _, curve, _ in curves)
     factor, unit = displacement_unit(largest, curves[0][1].units["displacement"])
     loops = [
-        HysteresisLoop(label, factor * of.columns["displacement"], of.columns["force"], curve_limits(of), place)
+        GroupedLine(label, place, factor * of.columns["displacement"], of.columns["force"], band=curve_limits(of))
         for label, of, place in curves
     ]
     facets = by_facet(loops, [loop.place for loop in loops])
@@ -129,24 +112,16 @@ def _hysteresis_panels(title: str, curves: Sequence[PlacedCurve]) -> list[Hyster
 
 def draw_hysteresis(info: HysteresisInfo) -> "Figure":
     """Draw hysteresis loops, small and large strokes, and facets, side by side."""
-    places = [loop.place for panel in info.panels for loop in panel.loops]
+    loops = [loop for panel in info.panels for loop in panel.loops]
+    places = [loop.place for loop in loops]
     with canvas.figure_style():
-        titles = [panel.title for panel in info.panels]
+        titles, styles = [panel.title for panel in info.panels], group_styles(places)
         panels = facet_panels(titles, (6.6, 4.6), facet_height=3.9, is_shared=info.is_alike)
-        styles = group_styles(places)
         for axes, panel in zip(panels.all, info.panels, strict=True):
-            _draw_panel(axes, panel, styles)
-        canvas.draw_grid(*panels.all)
-        panels.label(info.title, [f"Displacement [{panel.unit}]" for panel in info.panels], [info.force_title])
-        if any(loop.limits is not None for panel in info.panels for loop in panel.loops):
+            axes.axhline(0, color="0.55", linewidth=0.8, zorder=1)
+            axes.axvline(0, color="0.55", linewidth=0.8, zorder=1)
+            draw_grouped_lines(axes, panel.loops, styles)
+        if any(loop.band is not None for loop in loops):
             add_band_legend(panels.all[-1])
-        panels.add_legend(places)
-    return panels.figure
-
-
-def _draw_panel(axes: "Axes", panel: HysteresisPanel, styles: Mapping[str, LineStyle]) -> None:
-    axes.axhline(0, color="0.55", linewidth=0.8, zorder=1)
-    axes.axvline(0, color="0.55", linewidth=0.8, zorder=1)
-    loops = panel.loops
-    lines = [GroupedLine(of.label, of.place, of.displacement, of.force, band=of.limits) for of in loops]
-    draw_grouped_lines(axes, lines, styles)
+        x_titles = [f"Displacement [{panel.unit}]" for panel in info.panels]
+        return panels.finish(info.title, x_titles, [info.force_title], places)

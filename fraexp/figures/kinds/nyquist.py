@@ -1,7 +1,7 @@
 """The Nyquist plot: frequency responses in the complex plane."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
-from fraexp.figures.elements.canvas import LineStyle
-from fraexp.figures.elements.facets import FACET_WIDTH, by_facet, facet_panels, group_styles
-from fraexp.figures.elements.frequency_lines import GroupedLine, draw_grouped_lines, draw_line
+from fraexp.figures.elements.facets import FACET_WIDTH
+from fraexp.figures.elements.frequency_lines import GroupedLine, draw_line, draw_rows
 from fraexp.figures.elements.grouping import OWN_PLACE, CurvePlace, ShownResult, curve_places
 from fraexp.figures.elements.scales import readable_unit
 from fraexp.figures.kinds.bode import Reference
@@ -27,29 +26,20 @@ MIN_MARK_DISTANCE = 0.08
 
 
 @dataclass(frozen=True)
-class NyquistCurve:
-    """A response in the complex plane, in ascending frequency."""
+class NyquistCurve(GroupedLine):
+    """A response in the complex plane, in ascending frequency: imaginary over real part [unit of the figure]."""
 
-    label: str
-    frequency: NDArray[np.float64]
+    frequency: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     """Frequency [Hz], shape (n,)."""
-    real: NDArray[np.float64]
-    """Real part [unit of the figure], shape (n,)."""
-    imaginary: NDArray[np.float64]
-    """Imaginary part [unit of the figure], shape (n,)."""
-    settled: NDArray[np.bool_]
-    """Whether the point had settled, shape (n,); lines join settled points only."""
-    place: CurvePlace = OWN_PLACE
-    """Where it belongs."""
 
     @property
     def size(self) -> float:
         """Largest magnitude of a settled point [unit of the figure]; 0 if there is none."""
-        return float(np.nanmax(np.hypot(self.real, self.imaginary)[self.settled], initial=0.0))
+        return float(np.nanmax(np.hypot(self.x, self.y)[self.usable], initial=0.0))
 
     def marked_points(self) -> dict[float, int]:
         """Return the index of the settled point nearest to each marked frequency [Hz] in the range of the curve."""
-        usable = self.settled & np.isfinite(self.real)
+        usable = self.usable & np.isfinite(self.x)
         if not usable.any():
             return {}
         low, high = self.frequency[usable][[0, -1]]
@@ -102,57 +92,42 @@ def _curve(
     order = np.argsort(frequency, kind="stable")
     scaled = factor * response
     shown = np.where(np.isfinite(scaled), scaled, np.nan)[order]
-    return NyquistCurve(label, frequency[order], shown.real, shown.imag, settled[order], place)
+    return NyquistCurve(label, place, shown.real, shown.imag, settled[order], frequency=frequency[order])
 
 
 def draw_nyquist(info: NyquistInfo) -> "Figure":
     """Draw a Nyquist plot with equal axes and frequency marks on the largest curve."""
-    places = [curve.place for curve in info.curves]
     with canvas.figure_style():
-        facets = by_facet(info.curves, places)
         shown = [*info.curves, *([info.reference] if info.reference else [])]
-        panels = facet_panels(list(facets), (7.2, 6.4), facet_height=_facet_height(shown))
-        styles = group_styles(places)
-        for curves, (axes,) in zip(facets.values(), panels.facets.values(), strict=True):
-            _draw_facet(axes, curves, info.reference, styles)
-        canvas.draw_grid(*panels.all)
-        panels.label(info.title, [f"Real part [{info.unit}]"], [f"Imaginary part [{info.unit}]"])
-        panels.add_legend(places)
-    return panels.figure
+        panels = draw_rows([info.curves], (7.2, 6.4), facet_height=_facet_height(shown))
+        for name, (axes,) in panels.facets.items():
+            _draw_marks(axes, [curve for curve in info.curves if curve.place.facet == name], info.reference)
+        x_titles, y_titles = [f"Real part [{info.unit}]"], [f"Imaginary part [{info.unit}]"]
+        return panels.finish(info.title, x_titles, y_titles, [curve.place for curve in info.curves])
 
 
 def _facet_height(curves: Sequence[NyquistCurve]) -> float:
     """Return the height [inch] at which a facet with equal axes is as wide as its place."""
-    real, imaginary = (
-        np.concatenate([[0.0], *parts]) for parts in zip(*((of.real, of.imaginary) for of in curves), strict=True)
-    )
+    real, imaginary = (np.concatenate([[0.0], *parts]) for parts in zip(*((of.x, of.y) for of in curves), strict=True))
     width, height = (float(np.nanmax(of) - np.nanmin(of)) or 1.0 for of in (real, imaginary))
     return float(np.clip(FACET_WIDTH * height / width, 1.2, 5.0)) + 0.9
 
 
-def _draw_facet(
-    axes: "Axes", curves: Sequence[NyquistCurve], reference: NyquistCurve | None, styles: Mapping[str, LineStyle]
-) -> None:
-    lines = [GroupedLine(of.label, of.place, of.real, of.imaginary, of.settled) for of in curves]
-    draw_grouped_lines(axes, lines, styles)
+def _draw_marks(axes: "Axes", curves: Sequence[NyquistCurve], reference: NyquistCurve | None) -> None:
+    """Draw the reference, the axes through 0, and frequencies on the largest curve that are not too close."""
     if reference is not None:
-        draw_line(axes, reference.real, reference.imaginary, reference.settled, reference.label, canvas.REFERENCE_STYLE)
-    shown = [*curves, *([reference] if reference is not None else [])]
-    _draw_marks(axes, max(curves, key=lambda curve: curve.size), max(curve.size for curve in shown))
-    axes.axhline(0, color="0.55", linewidth=0.8, zorder=1)
-    axes.axvline(0, color="0.55", linewidth=0.8, zorder=1)
-    axes.margins(y=0.12)  # for the frequencies that are written above their marks
-    axes.set_aspect("equal", adjustable="datalim" if len(axes.figure.axes) == 1 else "box")
-
-
-def _draw_marks(axes: "Axes", curve: NyquistCurve, size: float) -> None:
-    """Mark the frequencies of points that are not too close to each other in a plot of responses up to a size."""
-    taken: list[complex] = []
+        draw_line(axes, reference.x, reference.y, reference.usable, reference.name, canvas.REFERENCE_STYLE)
+    curve, taken = max(curves, key=lambda curve: curve.size), list[complex]()
+    size = max(curve.size, reference.size if reference is not None else 0.0)
     for frequency_mark, index in curve.marked_points().items():
-        place = complex(curve.real[index], curve.imaginary[index])
+        place = complex(curve.x[index], curve.y[index])
         if all(abs(place - other) > MIN_MARK_DISTANCE * size for other in taken):
             taken.append(place)
             axes.plot(place.real, place.imag, "o", color="0.1", markersize=3, zorder=5)
             axes.annotate(
                 f"{frequency_mark:g} Hz", (place.real, place.imag), (4, 4), textcoords="offset points", fontsize=9
             )
+    axes.axhline(0, color="0.55", linewidth=0.8, zorder=1)
+    axes.axvline(0, color="0.55", linewidth=0.8, zorder=1)
+    axes.margins(y=0.12)  # for the frequencies that are written above their marks
+    axes.set_aspect("equal", adjustable="datalim" if len(axes.figure.axes) == 1 else "box")

@@ -14,20 +14,9 @@ from numpy.typing import NDArray
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
-from fraexp.figures.elements.bands import DrawnBand, draw_bands
-from fraexp.figures.elements.bundles import Bundle, draw_bundles, stack_padded
-from fraexp.figures.elements.canvas import LineStyle
-from fraexp.figures.elements.facets import facet_panels, group_styles, is_explained
-from fraexp.figures.elements.frequency_lines import (
-    LIMIT_COLUMNS,
-    add_band_legend,
-    add_fitted_legend,
-    add_model_legend,
-    curve_limits,
-    draw_line,
-    draw_points_and_model,
-)
-from fraexp.figures.elements.grouping import CurvePlace, point_indices
+from fraexp.figures.elements.facets import group_styles
+from fraexp.figures.elements.frequency_lines import LIMIT_COLUMNS, GroupedLine, add_band_legend, curve_limits, draw_rows
+from fraexp.figures.elements.grouping import CurvePlace
 from fraexp.figures.elements.labels import drawable
 from fraexp.figures.elements.scales import (
     DISPLACEMENT_UNITS,
@@ -63,23 +52,6 @@ class ShownUnit(NamedTuple):
 
 
 @dataclass(frozen=True)
-class CurveTrace:
-    """A column of a curve as it is drawn."""
-
-    name: str
-    place: CurvePlace
-    """Where it belongs; traces with the same point are a sample."""
-    x: NDArray[np.float64]
-    """Shape (n,)."""
-    y: NDArray[np.float64]
-    """Shape (n,); NaN leaves a gap."""
-    model: NDArray[np.float64] | None
-    """Values of a model, shape (n,); None without a model."""
-    limits: NDArray[np.float64] | None
-    """Lower and upper 95 % limit, shape (2, n); None if they are unknown."""
-
-
-@dataclass(frozen=True)
 class CurvePanel:
     """A panel with one ordinate."""
 
@@ -88,7 +60,7 @@ class CurvePanel:
     unit: str
     log_unit: str
     """Unit of the logarithmic axis that the panels of a family share; empty for a linear axis."""
-    traces: tuple[CurveTrace, ...]
+    traces: tuple[GroupedLine, ...]
 
 
 @dataclass(frozen=True)
@@ -149,7 +121,8 @@ def _curve_family(alike: Sequence[LabelledCurve], has_labels: bool) -> CurveFami
                 _full_name(label, curve, has_labels),
                 curve,
                 place._replace(
-                    group=_full_name(place.group, curve, bool(place.group)), point=f"{place.point}, {curve.name}"
+                    group=_full_name(place.group, curve, bool(place.group) and has_labels),
+                    point=f"{place.point}, {curve.name}",
                 ),
             )
             for label, curve, place in alike
@@ -221,12 +194,13 @@ def _split_branches(panel: CurvePanel) -> list[CurvePanel]:
     return [replace(panel, traces=tuple(_branch(trace, sign) for trace in panel.traces)) for sign in (1.0, -1.0)]
 
 
-def _branch(trace: CurveTrace, sign: float) -> CurveTrace:
+def _branch(trace: GroupedLine, sign: float) -> GroupedLine:
     """Return the part of a trace whose values have a sign."""
     inside = sign * trace.y > 0
     model = None if trace.model is None else np.where(inside, trace.model, np.nan)
-    limits = None if trace.limits is None else np.where(inside, trace.limits, np.nan)
-    return replace(trace, y=np.where(inside, trace.y, np.nan), model=model, limits=limits)
+    band = None if trace.band is None else np.where(inside, trace.band, np.nan)
+    y = np.where(inside, trace.y, np.nan)
+    return replace(trace, y=y, settled=np.isfinite(y), model=model, band=band)
 
 
 def _with_log_axes(panels: Sequence[CurvePanel]) -> list[CurvePanel]:
@@ -243,24 +217,25 @@ def _with_log_axes(panels: Sequence[CurvePanel]) -> list[CurvePanel]:
 def _positive_values(panel: CurvePanel) -> NDArray[np.float64]:
     """Return the values of a panel if they are amplitudes, all above 0; otherwise none."""
     known = np.concatenate([trace.y[np.isfinite(trace.y)] for trace in panel.traces])
-    limited = any(trace.limits is not None for trace in panel.traces)
+    limited = any(trace.band is not None for trace in panel.traces)
     sizes = panel.unit not in ANGLE_UNITS and not limited and bool((known > 0).all())
     return known if sizes else np.empty(0)
 
 
 def _curve_trace(
     label: str, curve: Curve, place: CurvePlace, shown: Mapping[str, ShownUnit], first: bool
-) -> CurveTrace:
+) -> GroupedLine:
     """Return a column over the abscissa, which is first in `shown`; the first ordinate has model and limits."""
     x, y = (unit.factor * curve.columns[name] for name, unit in shown.items())
     factor, model, limits = list(shown.values())[1].factor, curve.columns.get(MODEL_COLUMN), curve_limits(curve)
-    return CurveTrace(
+    return GroupedLine(
         label,
         place,
         x,
         y,
-        factor * model if first and model is not None else None,
-        factor * limits if first and limits is not None else None,
+        settled=np.isfinite(y),
+        band=factor * limits if first and limits is not None else None,
+        model=factor * model if first and model is not None else None,
     )
 
 
@@ -279,25 +254,26 @@ def _capitalised(name: str) -> str:
 
 def draw_curves(info: CurvesInfo) -> "Figure":
     """Draw a panel for each ordinate over the abscissa of its family; families follow below each other."""
-    places = [trace.place for family in info.families for panel in family.panels for trace in panel.traces]
-    counts = [len(family.panels) for family in info.families]
+    rows = [panel.traces for family in info.families for panel in family.panels]
+    traces = [trace for row in rows for trace in row]
+    places = [trace.place for trace in traces]
+    height = 2.4 * len(rows) + 0.4 * len(info.families)
+    below, beside = _shared_axes(info.families)
+    firsts = list(dict.fromkeys(below))
     with canvas.figure_style():
-        facets = list(dict.fromkeys(place.facet for place in places))
-        height = 2.4 * sum(counts) + 0.4 * len(counts)
-        below, beside = _shared_axes(info.families)
-        panels = facet_panels(facets, (9.0, 1.8 + height), (1.0,) * sum(counts), height, below=below, beside=beside)
-        styles = _trace_styles(info)
-        for name, axes in panels.facets.items():
-            for family, first in zip(info.families, dict.fromkeys(below), strict=True):
-                _draw_family(axes[first : first + len(family.panels)], _of_facet(family, name), styles)
-        canvas.draw_grid(*panels.all)
-        panels.label(info.title, [], [drawable(of.ordinate) for family in info.families for of in family.panels], True)
-        for family, first in zip(info.families, dict.fromkeys(below), strict=True):
-            if family.name and family.name != info.title and len(facets) == 1:
+        size, styles = (9.0, 1.8 + height), group_styles(places, is_ordered=all(of.name for of in info.families))
+        panels = draw_rows(rows, size, facet_height=height, styles=styles, below=below, beside=beside)
+        for axes in panels.facets.values():
+            for family, first in zip(info.families, firsts, strict=True):
+                _set_axes(axes[first : first + len(family.panels)], family)
+        if any(trace.band is not None for trace in traces):
+            add_band_legend(panels.first[0])
+        y_titles = [drawable(of.ordinate) for family in info.families for of in family.panels]
+        figure = panels.finish(info.title, [], y_titles, places, above=True)
+        for family, first in zip(info.families, firsts, strict=True):
+            if family.name and family.name != info.title and len(panels.facets) == 1:
                 panels.first[first].set_title(drawable(family.name), loc="left", fontsize=11)
-        _add_legend_entries(panels.first[0], info, styles)
-        panels.add_legend(places)
-    return panels.figure
+    return figure
 
 
 def _shared_axes(families: Sequence[CurveFamily]) -> tuple[list[int], list[int]]:
@@ -311,79 +287,14 @@ def _shared_axes(families: Sequence[CurveFamily]) -> tuple[list[int], list[int]]
     return below, beside
 
 
-def _of_facet(family: CurveFamily, facet: str) -> CurveFamily:
-    """Return a family with the traces of one facet."""
-    panels = (replace(of, traces=tuple(at for at in of.traces if at.place.facet == facet)) for of in family.panels)
-    return replace(family, panels=tuple(panels))
-
-
-def _split_traces(panel: CurvePanel) -> tuple[list[CurveTrace], list[list[CurveTrace]]]:
-    """Return the traces of a panel that are alone at their point, and the samples of the others."""
-    points = [[panel.traces[index] for index in of] for of in point_indices([of.place for of in panel.traces]).values()]
-    return [of[0] for of in points if len(of) == 1], [of for of in points if len(of) > 1]
-
-
-def _single_traces(info: CurvesInfo) -> list[CurveTrace]:
-    return [trace for family in info.families for panel in family.panels for trace in _split_traces(panel)[0]]
-
-
-def _trace_styles(info: CurvesInfo) -> dict[str, LineStyle]:
-    """Return the style of each name, which is the same in all panels."""
-    places = [trace.place for family in info.families for panel in family.panels for trace in panel.traces]
-    if is_explained(places):
-        return group_styles(places)
-    names = list(dict.fromkeys(trace.name for trace in _single_traces(info)))
-    ordered = all(family.name for family in info.families)  # sweeps of a grid, not curves with different names
-    of = canvas.line_styles if ordered or len(names) <= len(canvas.OKABE_ITO) else canvas.named_styles
-    samples = [place.group for place in places if place.group not in names]
-    names += list(dict.fromkeys(samples))
-    return dict(zip(names, of(len(names)), strict=True))
-
-
-def _draw_family(axes: Sequence["Axes"], family: CurveFamily, styles: dict[str, LineStyle]) -> None:
-    colours = {name: str(style["color"]) for name, style in styles.items()}
-    for index, (of, panel) in enumerate(zip(axes, family.panels, strict=True)):
+def _set_axes(axes: Sequence["Axes"], family: CurveFamily) -> None:
+    """Set scales and the title below of a family's panels."""
+    for of, panel in zip(axes, family.panels, strict=True):
         of.tick_params(labelbottom=of is axes[-1])
         if panel.log_unit:
             of.set_yscale("log")
-        singles, samples = _split_traces(panel)
-        has_legend = index == 0 and not is_explained([trace.place for trace in panel.traces])
-        draw_bundles(of, [_bundle(sample) for sample in samples], has_legend, colours)
-        _draw_traces(of, singles, styles)
     for of in (of for of, panel in zip(axes, family.panels, strict=True) if panel.log_unit):
         canvas.set_decade_ticks(of)
     if family.log_range:
         canvas.set_log_abscissa(axes[-1], family.log_range)
     axes[-1].set_xlabel(drawable(family.abscissa))
-
-
-def _draw_traces(axes: "Axes", traces: Sequence[CurveTrace], styles: dict[str, LineStyle]) -> None:
-    for trace in traces:
-        known, style = np.isfinite(trace.y), styles[trace.name]
-        if trace.model is None:
-            draw_line(axes, trace.x, trace.y, known, "", style)
-        else:
-            draw_points_and_model(axes, (trace.x, trace.y), known, (trace.x, trace.model), style)
-    bands = [DrawnBand(of.x, of.y, of.limits, styles[of.name]["color"]) for of in traces if of.limits is not None]
-    draw_bands(axes, bands)
-
-
-def _add_legend_entries(axes: "Axes", info: CurvesInfo, styles: dict[str, LineStyle]) -> None:
-    """Add the legend entries of single traces, each name once for all panels."""
-    traces = _single_traces(info)
-    explained = is_explained([trace.place for trace in traces])
-    lines = {trace.name for trace in traces if trace.model is None}
-    for name, style in {} if explained else {of.name: styles[of.name] for of in traces}.items():
-        if name in lines:
-            axes.plot([], [], label=drawable(name), **style)
-        else:
-            add_fitted_legend(axes, name, style)
-    if any(trace.model is not None for trace in traces):
-        add_model_legend(axes, "model")
-    if any(trace.limits is not None for trace in traces):
-        add_band_legend(axes)
-
-
-def _bundle(sample: Sequence[CurveTrace]) -> Bundle:
-    x, y = stack_padded([trace.x for trace in sample]), stack_padded([trace.y for trace in sample])
-    return Bundle(sample[0].place.group, x, y, sample[0].place.sample)

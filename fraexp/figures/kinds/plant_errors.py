@@ -14,7 +14,13 @@ from fraexp.figures.elements import canvas
 from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
 from fraexp.figures.elements.canvas import LineStyle
 from fraexp.figures.elements.facets import by_facet
-from fraexp.figures.elements.frequency_lines import GroupedLine, PhasedCurve, draw_grouped_lines, with_gaps
+from fraexp.figures.elements.frequency_lines import (
+    GroupedLine,
+    PhasedCurve,
+    draw_grouped_lines,
+    frequency_span,
+    with_gaps,
+)
 from fraexp.figures.elements.grouping import CurvePlace, ShownResult, facet_indices
 from fraexp.figures.elements.labels import MAX_GROUPS, drawable
 from fraexp.figures.elements.scales import decibel, decibel_limits, degree_limits, degrees, readable_unit
@@ -153,8 +159,7 @@ def draw_errors(info: ErrorsInfo) -> "Figure":
         parts[0].suptitle(canvas.wrapped_title(figure, info.title), fontsize=12.5)
         panels[0, 0].set_ylabel(canvas.error_axis_title(panels[0, 0], "Magnitude error", "dB"))
         panels[1, 0].set_ylabel(canvas.error_axis_title(panels[1, 0], "Phase error", "deg"))
-        frequency = np.concatenate([curve.frequency for curve in info.curves])
-        canvas.set_log_abscissa(panels[1, 0], (float(frequency.min()), float(frequency.max())))
+        canvas.set_log_abscissa(panels[1, 0], frequency_span(info.curves))
         canvas.draw_grid(*panels.flat)
         parts[0].align_ylabels(panels[:, 0])
         table.draw(parts[1].subplots(), [styles[place.group] for place in places])

@@ -211,7 +211,7 @@ def nyquist_picture(shown: Sequence[ShownResult], reference: Reference | None) -
     info = nyquist_info(found, reference)
     drawn = list(zip(of, info.curves, strict=True)) + ([(REFERENCE, info.reference)] if info.reference else [])
     traces = tuple(
-        PlotTrace(index, curve.real, curve.imaginary, curve.settled & np.isfinite(curve.real), curve.frequency)
+        PlotTrace(index, curve.x, curve.y, curve.usable & np.isfinite(curve.x), curve.frequency)
         for index, curve in drawn
     )
     title = f"Imaginary over real part [{info.unit}]"
@@ -227,17 +227,16 @@ def coherence_picture(shown: Sequence[ShownResult]) -> Picture:
     places = {one.key: index for index, one in zip(of, found, strict=True)}
     info = coherence_info(found)
     panels = []
-    for part in info.parts:
+    for part, lines in info.rows.items():
         decades = part == "distortion" and info.is_logarithmic
-        known = [(curve, getattr(curve, part)) for curve in info.curves if getattr(curve, part) is not None]
         traces = tuple(
-            _line_trace(places[curve.key], curve.frequency, _logarithm(values) if decades else values, curve.settled)
-            for curve, values in known
+            _line_trace(places[line.key], line.x, _logarithm(line.y) if decades else line.y, line.settled)
+            for line in lines
         )
         span = (0.0, 1.05) if part == "coherence" else None
         unit = "%" if part == "distortion" else ""
         panels.append(PlotPanel(AXIS_TITLES[part], unit, "Hz", traces, spectral=True, decades=decades, span=span))
-    telling = {curve.key for curve in info.curves}
+    telling = {line.key for lines in info.rows.values() for line in lines}
     missing = [one.label for one in found if one.key not in telling]
     note = f"no coherence or distortion known: {', '.join(missing)}" if missing else ""
     return Picture("coherence", info.title, tuple(panels), note=note)
@@ -276,7 +275,7 @@ def _hysteresis_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
     panels = tuple(
         PlotPanel(f"{panel.title} {info.force_title} over displacement [{panel.unit}]".strip(), info.force_unit,
             panel.unit, tuple(
-            _loop_trace(int(loop.label), loop.displacement, loop.force, loop.limits) for loop in panel.loops
+            _loop_trace(int(loop.name), loop.x, loop.y, loop.band) for loop in panel.loops
         ), axis, marks=(0.0,))
         for axis, panel in enumerate(info.panels)
     )  # fmt: skip
@@ -290,12 +289,11 @@ def _positioning_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
     marks = tuple(sign * band for band in info.bands for sign in (-1, 1))
     span = (-info.height, info.height)
     panels = [PlotPanel(f"Position less target [{info.unit}]", info.unit, "ms", tuple(
-        _line_trace(int(move.label), move.time, move.deviation, spectral=False) for move in info.moves
+        _line_trace(int(line.place.point), line.x, line.y, spectral=False) for line in info.deviations
     ), marks=marks, span=span)]  # fmt: skip
     if info.thrust_unit:
-        thrusts = [(move, move.thrust) for move in info.moves if move.thrust is not None]
         panels.append(PlotPanel(f"Thrust [{info.thrust_unit}]", info.thrust_unit, "ms", tuple(
-            _line_trace(int(move.label), move.time, thrust, spectral=False) for move, thrust in thrusts
+            _line_trace(int(line.place.point), line.x, line.y, spectral=False) for line in info.thrusts
         )))  # fmt: skip
     return Picture("positioning", info.title, tuple(panels), "ms")
 
@@ -313,7 +311,7 @@ def _other_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
             lines = []
             for trace in panel.traces:
                 of = int(trace.place.group.partition(",")[0])
-                band = None if trace.limits is None else scale(trace.limits)
+                band = None if trace.band is None else scale(trace.band)
                 lines.append(_line_trace(of, trace.x, scale(trace.y), band=band, spectral=spectral))
                 if trace.model is not None:
                     lines.append(_line_trace(of, trace.x, scale(trace.model), model=True, spectral=spectral))

@@ -1,12 +1,15 @@
 """The position reference back and forth at one constant velocity after another, for viscous friction."""
 
-from typing import ClassVar
+from fraexp.api import ParameterError, Period, param
+from fraexp_plugins.excitations._shared.reference_motion import (
+    ReferenceMotion,
+    check_duration,
+    check_rounding,
+    reference_period,
+)
 
-from fraexp.api import Excitation, ParameterError, Period, Schedule, param
-from fraexp_plugins.excitations._shared.reference_motion import check_duration, check_rounding, reference_period
 
-
-class ConstantVelocities(Excitation, name="constant_velocities", version=1):
+class ConstantVelocities(ReferenceMotion, name="constant_velocities", version=1):
     """The position reference covers the same travel back and forth, one experiment per velocity (paper, section V-A).
 
     The force of steady sliding over the velocity gives D_v and shows whether there is a Stribeck effect
@@ -17,16 +20,10 @@ class ConstantVelocities(Excitation, name="constant_velocities", version=1):
     velocities: tuple[float, ...] = param("m/s", "velocities", (5e-3, 10e-3, 20e-3, 40e-3))
     travel: float = param("m", "travel from one reversal to the next", 10e-3, above=0)
     acceleration: float = param("m/s^2", "acceleration at the reversals", 1.0, above=0)
-    cycles: int = param("1", "back-and-forth cycles at each velocity", 3, at_least=1, at_most=10_000)
-
-    expected_failures: ClassVar[dict[str, str]] = {
-        "whole-periods": "It moves the reference alone, so the force that it adds is 0."
-    }
 
     def model_post_init(self, context: object) -> None:
         """Check velocities and travel."""
-        if not self.velocities or min(self.velocities) <= 0:
-            raise ParameterError("constant_velocities.velocities needs one or more velocities above 0 m/s")
+        self.check_velocities(self.velocities)
         needed = 4 * max(self.velocities) ** 2 / self.acceleration
         if self.travel < needed:
             raise ParameterError(
@@ -43,8 +40,3 @@ class ConstantVelocities(Excitation, name="constant_velocities", version=1):
     def periods(self, sample_time: float) -> tuple[Period, ...]:
         """Return one back-and-forth period for each velocity."""
         return tuple(reference_period([self.travel], v, self.acceleration, sample_time) for v in self.velocities)
-
-    @property
-    def schedule(self) -> Schedule:
-        """Record from rest: only the loop would settle."""
-        return Schedule(settling_timeout=0, recorded_periods=self.cycles)

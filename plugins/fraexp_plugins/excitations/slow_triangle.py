@@ -1,11 +1,10 @@
 """A slow back-and-forth motion of the position reference, with smaller reversals inside, for identifying friction."""
 
-from typing import ClassVar
-
 import numpy as np
 
-from fraexp.api import Excitation, ParameterError, Period, Schedule, param
+from fraexp.api import ParameterError, Period, param
 from fraexp_plugins.excitations._shared.reference_motion import (
+    ReferenceMotion,
     check_duration,
     check_rounding,
     path_length,
@@ -13,7 +12,7 @@ from fraexp_plugins.excitations._shared.reference_motion import (
 )
 
 
-class SlowTriangle(Excitation, name="slow_triangle", version=1):
+class SlowTriangle(ReferenceMotion, name="slow_triangle", version=1):
     """The position reference goes ±A back and forth at constant velocity, then around 0 at smaller amplitudes.
 
     The wide motion reaches gross sliding and gives ΣF_mi; the inner ones, of amplitude A s for each ratio s of
@@ -27,16 +26,10 @@ class SlowTriangle(Excitation, name="slow_triangle", version=1):
     velocities: tuple[float, ...] = param("m/s", "velocities, one cycle at each in turn", (1e-3, 3e-3))
     acceleration: float = param("m/s^2", "acceleration at its reversals", 0.5, above=0)
     inner_amplitude_ratios: tuple[float, ...] = param("1", "amplitudes of the inner motions over A", (0.1, 0.03))
-    cycles: int = param("1", "number of repetitions, each with all velocities", 3, at_least=1, at_most=10_000)
-
-    expected_failures: ClassVar[dict[str, str]] = {
-        "whole-periods": "It moves the reference alone, so the force that it adds is 0."
-    }
 
     def model_post_init(self, context: object) -> None:
         """Check velocities and inner amplitudes."""
-        if not self.velocities or min(self.velocities) <= 0:
-            raise ParameterError("slow_triangle.velocities needs one or more velocities above 0 m/s")
+        self.check_velocities(self.velocities)
         ratios = self.inner_amplitude_ratios
         if ratios and not 0 < min(ratios) <= max(ratios) < 1:
             raise ParameterError("slow_triangle.inner_amplitude_ratios must lie between 0 and 1")
@@ -60,8 +53,3 @@ class SlowTriangle(Excitation, name="slow_triangle", version=1):
         parts = [reference_period(self._corners, v, self.acceleration, sample_time) for v in self.velocities]
         reference = np.concatenate([part.reference for part in parts if part.reference is not None])
         return (Period(np.zeros(reference.size), np.array([1]), reference),)
-
-    @property
-    def schedule(self) -> Schedule:
-        """Record from rest: the elements' state is known there."""
-        return Schedule(settling_timeout=0, recorded_periods=self.cycles)

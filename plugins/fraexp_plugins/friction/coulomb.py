@@ -61,11 +61,6 @@ class Coulomb(FrictionModel, name="coulomb", version=4):
         return self.coulomb_force if self.static_force is None else self.static_force
 
     @property
-    def viscous(self) -> float:
-        """σ2 [N s/m]."""
-        return self.viscous_coefficient
-
-    @property
     def force_bound(self) -> float:
         """Fs [N], in the direction in which it is greater."""
         return self.effective_static_force * max(1.0, self.negative_ratio)

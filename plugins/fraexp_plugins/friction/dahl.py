@@ -23,11 +23,6 @@ class Dahl(FrictionModel, name="dahl", version=1):
     viscous_coefficient: float = param("N s/m", "viscous coefficient σ2", 0.0, at_least=0)
 
     @property
-    def viscous(self) -> float:
-        """σ2 [N s/m]."""
-        return self.viscous_coefficient
-
-    @property
     def force_bound(self) -> float:
         """Fc [N]."""
         return self.coulomb_force

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import param
-from fraexp_plugins.friction._shared.bristle_model import BristleModel
+from fraexp_plugins.friction._shared.bristle_model import GUIDE, PUBLISHED, BristleModel
 
 
 class Elastoplastic(BristleModel, name="elastoplastic", version=1):
@@ -26,24 +26,8 @@ class Elastoplastic(BristleModel, name="elastoplastic", version=1):
         "energy": "the force is not passive if σ2 < σ1 (Fs - Fc)/Fc, as with the parameters of 2002",
     }
     presets: ClassVar[dict[str, dict[str, float]]] = {
-        "dupont_2002": {
-            "bristle_stiffness": 1e5,
-            "bristle_damping": 316.22776601683796,
-            "viscous_coefficient": 0.4,
-            "coulomb_force": 1.0,
-            "static_force": 1.5,
-            "stribeck_velocity": 1e-3,
-            "elastic_limit_ratio": 0.7,
-        },
-        "linear_motor_table": {  # the guide of the paper's machine, with a Stribeck effect and micro-damping added
-            "bristle_stiffness": 3.9e5,
-            "bristle_damping": 400.0,
-            "viscous_coefficient": 4.69,
-            "coulomb_force": 17.9,
-            "static_force": 22.0,
-            "stribeck_velocity": 1e-3,
-            "elastic_limit_ratio": 0.7,
-        },
+        "dupont_2002": {**PUBLISHED, "elastic_limit_ratio": 0.7},
+        "linear_motor_table": {**GUIDE, "elastic_limit_ratio": 0.7},
     }
 
     @property

@@ -72,11 +72,6 @@ class GeneralizedMaxwellSlip(FrictionModel, name="gms", version=1):
         return 2 * len(self.stiffness) + 1
 
     @property
-    def viscous(self) -> float:
-        """σ2 [N s/m]."""
-        return self.viscous_coefficient
-
-    @property
     def force_bound(self) -> float:
         """Fs [N]."""
         return self.static_force

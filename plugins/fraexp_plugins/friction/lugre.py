@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp_plugins.friction._shared.bristle_model import BristleModel
+from fraexp_plugins.friction._shared.bristle_model import GUIDE, PUBLISHED, BristleModel
 
 
 class LuGre(BristleModel, name="lugre", version=1):
@@ -21,22 +21,8 @@ class LuGre(BristleModel, name="lugre", version=1):
         "energy": "the force is not passive if σ2 < σ1 (Fs - Fc)/Fc, as with the parameters of 1995",
     }
     presets: ClassVar[dict[str, dict[str, float]]] = {
-        "canudas_de_wit_1995": {
-            "bristle_stiffness": 1e5,
-            "bristle_damping": 316.22776601683796,
-            "viscous_coefficient": 0.4,
-            "coulomb_force": 1.0,
-            "static_force": 1.5,
-            "stribeck_velocity": 1e-3,
-        },
-        "linear_motor_table": {  # the guide of the paper's machine, with a Stribeck effect and micro-damping added
-            "bristle_stiffness": 3.9e5,
-            "bristle_damping": 400.0,
-            "viscous_coefficient": 4.69,
-            "coulomb_force": 17.9,
-            "static_force": 22.0,
-            "stribeck_velocity": 1e-3,
-        },
+        "canudas_de_wit_1995": PUBLISHED,
+        "linear_motor_table": GUIDE,
     }
 
     @property

@@ -12,11 +12,6 @@ class Frictionless(FrictionModel, name="none", version=1):
     viscous_coefficient: float = param("N s/m", "viscous coefficient D_v of the guide", 0.0, at_least=0)
 
     @property
-    def viscous(self) -> float:
-        """D_v of eq (12) [N s/m]."""
-        return self.viscous_coefficient
-
-    @property
     def has_unique_periodic_force(self) -> bool:
         """True: there is no memory."""
         return True

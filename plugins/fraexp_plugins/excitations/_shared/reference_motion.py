@@ -1,10 +1,12 @@
 """Motions of the position reference at constant velocity between rounded reversals."""
 
+from abc import ABC
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 
-from fraexp.api import ParameterError, Period
+from fraexp.api import Excitation, ParameterError, Period, Schedule, param
 from fraexp_plugins.excitations._shared.sampling import MAX_SAMPLES_PER_PERIOD, MIN_SAMPLES_PER_PERIOD
 
 
@@ -52,3 +54,23 @@ def reference_period(corners: Sequence[float], velocity: float, acceleration: fl
         np.add.at(kernel, (np.arange(rounding) - rounding // 2) % samples, 1 / rounding)
         reference = np.fft.irfft(np.fft.rfft(reference) * np.fft.rfft(kernel), samples)
     return Period(np.zeros(samples), np.array([1]), reference)
+
+
+class ReferenceMotion(Excitation, ABC):
+    """The position reference moves at constant velocities, without a force; it is recorded from rest."""
+
+    cycles: int = param("1", "number of repetitions of the motion", 3, at_least=1, at_most=10_000)
+
+    expected_failures: ClassVar[dict[str, str]] = {
+        "whole-periods": "It moves the reference alone, so the force that it adds is 0."
+    }
+
+    def check_velocities(self, velocities: Sequence[float]) -> None:
+        """Refuse velocities that are none."""
+        if not velocities or min(velocities) <= 0:
+            raise ParameterError(f"{self.name}.velocities needs one or more velocities above 0 m/s")
+
+    @property
+    def schedule(self) -> Schedule:
+        """Record from rest: the elements' state is known there, and only the loop would settle."""
+        return Schedule(settling_timeout=0, recorded_periods=self.cycles)

@@ -5,6 +5,25 @@ from typing import ClassVar
 
 from fraexp.api import FrictionModel, ParameterError, param
 
+PUBLISHED = {
+    "bristle_stiffness": 1e5,
+    "bristle_damping": 316.22776601683796,
+    "viscous_coefficient": 0.4,
+    "coulomb_force": 1.0,
+    "static_force": 1.5,
+    "stribeck_velocity": 1e-3,
+}
+"""Parameters of LuGre's publication of 1995, which the one of elastoplastic friction took over."""
+GUIDE = {
+    "bristle_stiffness": 3.9e5,
+    "bristle_damping": 400.0,
+    "viscous_coefficient": 4.69,
+    "coulomb_force": 17.9,
+    "static_force": 22.0,
+    "stribeck_velocity": 1e-3,
+}
+"""The guide of the paper's machine, with a Stribeck effect and micro-damping added."""
+
 
 class BristleModel(FrictionModel, ABC):
     """Bristles of mean deflection z: F = σ0 z + σ1 ż + σ2 v, with Stribeck's curve from Fs at rest down to Fc."""
@@ -25,11 +44,6 @@ class BristleModel(FrictionModel, ABC):
                 f"{self.name}.static_force is {self.static_force:g} N; "
                 f"it must be at least coulomb_force, {self.coulomb_force:g} N"
             )
-
-    @property
-    def viscous(self) -> float:
-        """σ2 [N s/m]."""
-        return self.viscous_coefficient
 
     @property
     def force_bound(self) -> float | None:

@@ -118,11 +118,6 @@ class ElementModel(FrictionModel, ABC):
         return len(self.elements[0]) + (1 if self.damping else 0)
 
     @property
-    def viscous(self) -> float:
-        """D_v of eq (12) [N s/m]."""
-        return self.viscous_coefficient
-
-    @property
     def has_unique_periodic_force(self) -> bool:
         """Whether elements have no dampers: then one that slips forgets what came before, one that sticks is a spring.
 
