@@ -193,7 +193,7 @@ class FrictionModel(Component, ABC):
         )
 
     def check_law(self, time_step: float | None = None) -> None:
-        """Run the law along a test motion in plain Python; PluginError for what `law_check` finds.
+        """Run the law along a test motion in plain Python; PluginError for what `law_step.check_law` finds.
 
         The motion slips, turns, and goes fast and slowly for long; with `time_step` [s] it is a few steps of that time.
         """

@@ -1,4 +1,4 @@
-"""Checks of friction models that look at the law as a function: what loop and observer rely on."""
+"""Checks of friction models: the law as a function, and along whole motions, on which loop and observer rely."""
 
 import importlib
 import inspect

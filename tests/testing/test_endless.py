@@ -50,7 +50,7 @@ def dropped(folder: Path, line: str = "", prop: str = "") -> Path:
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
     """A law has a second, also in the processes that a test starts: what is tested is that it is ended, not when."""
-    for module in ("components.law_check", "components.law_step", "testing.check_report", "views.law_trial"):
+    for module in ("components.law_step", "testing.check_report", "views.law_trial"):
         monkeypatch.setattr(f"fraexp.{module}.LAW_TIME_LIMIT_S", 1.0)
     folder = tmp_path_factory.mktemp("site")
     text = "from fraexp.kernels import watchdog\n\nwatchdog.LAW_TIME_LIMIT_S = 1.0\n"
