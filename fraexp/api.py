@@ -36,7 +36,7 @@ from fraexp.data.sample_file import read_header, read_samples
 from fraexp.data.signals import Encoder, Segment, Settling, Signals
 from fraexp.errors import ConnectionLostError, FraexpError, MachineError, ParameterError, RecordError, did_you_mean
 from fraexp.kernels.choice import where
-from fraexp.simulation.live_loop import LiveLoop, live_setup
+from fraexp.simulation.experiment_run import LiveLoop, live_setup
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from fraexp.simulation.replay import Replay, Replayed, ReplayModel, replay

@@ -1,6 +1,5 @@
 """Dropped-in plugin files: imported as modules of their own, with the process guarded from what their code does."""
 
-import ast
 import atexit
 import builtins
 import importlib.util
@@ -118,90 +117,47 @@ DROP_IN = "fraexp_drop_in_"
 """How the names of these modules begin: stable, so that compiled laws are found again."""
 GRACE_S = 2.0
 """Time [s] after the limit in which a file that computes is interrupted, before one that waits is."""
-CLASS_GUARD = "__fraexp_class_guard__"
-"""Name in such a module of what is entered around each class."""
 SOURCE_HASH = "__fraexp_source_hash__"
 """Name in such a module of the content hash of its source as it was loaded: the file may have been edited since."""
-
-
-class _ClassGuard:
-    """A context manager around each class of a file: one that fails is noted, and the others go on."""
-
-    def __init__(self) -> None:
-        self.errors: list[Exception] = []
-
-    def __enter__(self) -> None:
-        """Do nothing."""
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> bool:
-        if isinstance(error, Exception):
-            self.errors.append(error)
-            return True
-        return False
 
 
 class _LocalFileLoader(SourceFileLoader):
     """Reads the source each time: its cached bytecode would hide an edit within the second that keeps the size."""
 
     def get_code(self, fullname: str) -> CodeType:
-        """Return the code of the source as it is now, with a guard around each class."""
+        """Return the code of the source as it is now."""
         source = self.get_data(self.path)
         self.source_hash = content_hash(source)
-        tree = ast.parse(source, self.path)
-        tree.body = [_guarded(node) if isinstance(node, ast.ClassDef) else node for node in tree.body]
-        return compile(ast.fix_missing_locations(tree), self.path, "exec", dont_inherit=True)
-
-
-def _guarded(node: ast.ClassDef) -> ast.stmt:
-    """Return a class statement inside of ``with CLASS_GUARD:``."""
-    guard = ast.withitem(ast.Name(CLASS_GUARD, ast.Load()), None)
-    return ast.copy_location(ast.With([guard], [node]), node)
+        return compile(source, self.path, "exec", dont_inherit=True)
 
 
 def load_file(file: Path) -> ModuleType:
-    """Import a dropped-in file as a module of its own, as it is now; `failed_classes` tells which of it fail.
-
-    Raises what the file raises, or the first error of a class if none is left.
-    """
+    """Import a dropped-in file as a module of its own, as it is now; raises what the file raises."""
     name = DROP_IN + file.stem
     loader = _LocalFileLoader(name, str(file))
     spec = importlib.util.spec_from_file_location(name, file, loader=loader)
     if spec is None or spec.loader is None:
         raise PluginError(f"{file} is no Python file")
     module = importlib.util.module_from_spec(spec)
-    guard = vars(module)[CLASS_GUARD] = _ClassGuard()
     sys.modules[name] = module  # numba and inspect find the law's source through it
     try:
         with time_limit(LAW_TIME_LIMIT_S), _wait_limit(), settings_restored(), harm_refused(str(file)):
             spec.loader.exec_module(module)
         vars(module)[SOURCE_HASH] = loader.source_hash
-        if guard.errors and not any(isinstance(value, type) for value in _own_values(module)):
-            raise guard.errors[0]
     except OverdueError as error:
         del sys.modules[name]
         place = error_location(error, str(file), 1)
         why = f"it has not been loaded after {LAW_TIME_LIMIT_S:g} s ({place}); expected definitions at once"
         raise PluginError(why) from None
-    except BaseException as error:
+    except BaseException:
         del sys.modules[name]
-        raise (guard.errors[0] if guard.errors and isinstance(error, NameError) else error) from None
+        raise
     return module
-
-
-def failed_classes(module: ModuleType) -> list[Exception]:
-    """Return the errors of the classes of a dropped-in file that could not be defined."""
-    guard = getattr(module, CLASS_GUARD, None)
-    return guard.errors if isinstance(guard, _ClassGuard) else []
 
 
 def loaded_source_hash(cls: type) -> str:
     """Return the content hash of the dropped-in source that defines a class; empty for a class of another module."""
     return str(vars(sys.modules.get(cls.__module__, sys)).get(SOURCE_HASH, ""))
-
-
-def _own_values(module: ModuleType) -> list[object]:
-    """Return what a module defines itself."""
-    return [value for value in vars(module).values() if getattr(value, "__module__", "") == module.__name__]
 
 
 @contextmanager

@@ -22,7 +22,7 @@ import pydantic
 
 import fraexp
 from fraexp.components.kinds import KINDS, Component, nested_kind
-from fraexp.components.local_file import DROP_IN, failed_classes, load_file, loaded_source_hash
+from fraexp.components.local_file import DROP_IN, load_file, loaded_source_hash
 from fraexp.components.parameters import Parameters, example_call, inherited_from
 from fraexp.components.position_dependence import positioned_class
 from fraexp.data.identity import FileStamp, file_hash, file_stamps
@@ -354,7 +354,7 @@ def discover(folder: Path | None = None) -> Registry:
         _attempt(registry, origin, lambda e=entry, o=origin: _register(manager, origins, e.load(), o))
     for file in sorted(folder.glob("*.py")) if folder and folder.is_dir() else []:
         origin = _Origin(str(file), LOCAL, file)
-        _attempt(registry, origin, lambda f=file: _register_file(registry, manager, origins, f))
+        _attempt(registry, origin, lambda f=file, o=origin: _register(manager, origins, load_file(f), o))
     for plugin, origin in list(origins.items()):  # in the order of finding: pluggy keeps a set
         _attempt(registry, origin, lambda p=plugin, o=origin: _collect(manager, registry, p, o.owner))
     return registry
@@ -406,13 +406,6 @@ def _relative_path(file: Path) -> str:
 
 def _definition_place(cls: type) -> str:
     return f"{_relative_path(Path(inspect.getfile(cls)).resolve())}, line {inspect.getsourcelines(cls)[1]}"
-
-
-def _register_file(registry: Registry, manager: pluggy.PluginManager, origins: dict[Any, _Origin], file: Path) -> None:
-    """Register the components of a dropped-in file; a class of it that fails takes no other with it."""
-    module, origin = load_file(file), _Origin(str(file), LOCAL, file)
-    registry.failed += [LoadFailure(str(file), reason_of(error, file), file) for error in failed_classes(module)]
-    _register(manager, origins, module, origin)
 
 
 def _register(manager: pluggy.PluginManager, origins: dict[Any, _Origin], module: ModuleType, origin: _Origin) -> None:

@@ -57,31 +57,27 @@ def fit_content(fit: Fit) -> dict[str, Any]:
     }
 
 
+RESPONSE_FIELDS = {
+    "frequency": "Hz", "response": "{unit}", "covariance": "({unit})^2", "standard_deviation": "{unit}", "input": "",
+    "output": "", "unit": "", "input_amplitude": "{input}", "output_amplitude": "{output}", "settled": "",
+    "settling_time": "s", "residual": "1", "harmonics": "1", "distortion": "1",
+}  # fmt: skip
+"""Fields of every response with their units; ``{unit}`` is its own, ``{input}`` and ``{output}`` are the channels'."""
+OPTIONAL_FIELDS = {
+    "freedom": "1", "noise_variance": "({unit})^2", "nonlinear_variance": "({unit})^2", "coherence": "1",
+    "model_covariance": "1/({unit})^2", "numerical_error": "1",
+}  # fmt: skip
+"""Fields that only some estimators give."""
+
+
 def response_arrays(response: FrequencyResponse) -> dict[str, Any]:
     """Return the fields of a response by name, with derived ones."""
-    return {
-        "frequency": response.frequency,
-        "response": response.response,
-        "covariance": response.covariance,
-        "standard_deviation": response.standard_deviation,
-        "input": response.input,
-        "output": response.output,
-        "unit": response.unit,
-        "input_amplitude": response.input_amplitude,
-        "output_amplitude": response.output_amplitude,
-        "settled": response.settled,
-        "settling_time": response.settling_time,
-        "residual": response.residual,
-        "harmonics": response.harmonics,
-        "distortion": response.distortion,
-        **optional_arrays(response),
-    }
+    return {**{name: getattr(response, name) for name in RESPONSE_FIELDS}, **optional_arrays(response)}
 
 
 def optional_arrays(response: FrequencyResponse) -> dict[str, NDArray[np.float64]]:
     """Return the arrays that only some estimators give."""
-    names = ("freedom", "noise_variance", "nonlinear_variance", "coherence", "model_covariance", "numerical_error")
-    found = {name: getattr(response, name) for name in names}
+    found = {name: getattr(response, name) for name in OPTIONAL_FIELDS}
     return {name: values for name, values in found.items() if values is not None}
 
 
@@ -92,26 +88,10 @@ def channel_units(response: FrequencyResponse) -> tuple[str, str]:
 
 
 def response_units(response: FrequencyResponse) -> dict[str, str]:
-    """Return the units of the fields of a response; those of the amplitudes are empty if unknown."""
+    """Return the units of the fields of a response that have one; those of the amplitudes are empty if unknown."""
     output, entry = channel_units(response)
-    return {
-        "frequency": "Hz",
-        "response": response.unit,
-        "covariance": f"({response.unit})^2",
-        "standard_deviation": response.unit,
-        "input_amplitude": entry,
-        "output_amplitude": output,
-        "settling_time": "s",
-        "residual": "1",
-        "harmonics": "1",
-        "distortion": "1",
-        "freedom": "1",
-        "noise_variance": f"({response.unit})^2",
-        "nonlinear_variance": f"({response.unit})^2",
-        "coherence": "1",
-        "model_covariance": f"1/({response.unit})^2",
-        "numerical_error": "1",
-    }
+    units = {**RESPONSE_FIELDS, **OPTIONAL_FIELDS}
+    return {name: unit.format(unit=response.unit, input=entry, output=output) for name, unit in units.items() if unit}
 
 
 def json_value(value: object) -> Any:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from fraexp.analysis.confidence import confidence_limits
 from fraexp.analysis.fourier import phasors
+from fraexp.analysis.quantisation import moves_visibly
 from fraexp.analysis.response import response_result
-from fraexp.analysis.visible_motion import moves_visibly
 from fraexp.components.machine_session import Chunk
 from fraexp.data.results import FrequencyResponse
 from fraexp.data.sample_file import SampleWriter

@@ -18,7 +18,7 @@ from types import FrameType
 from typing import Any, NamedTuple, TextIO
 
 from fraexp.components.kinds import Component, FrictionModel
-from fraexp.components.local_file import failed_classes, load_file
+from fraexp.components.local_file import load_file
 from fraexp.components.registry import Registry, components_in, discover, reason_of
 from fraexp.errors import FraexpError, PluginError
 from fraexp.kernels.call_watch import hang_listener, running_call_text
@@ -128,8 +128,6 @@ def _components_in_file(file: Path, kind: str | None) -> Iterator[type[Component
         what = f"{kind} component" if kind else "component"
         raise PluginError(f"{file}: defines no {what}; expected a class such as class Mine(FrictionModel, name=...)")
     yield from chosen
-    for failure in failed_classes(module):
-        raise PluginError(f"{file}: a class cannot be defined: {reason_of(failure, file)}")
 
 
 def _components_by_name(name: str, kind: str | None, registry: Registry) -> Iterator[type[Component]]:

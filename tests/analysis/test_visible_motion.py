@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fraexp.analysis.visible_motion import CHANCE, moves_visibly
+from fraexp.analysis.quantisation import CHANCE, moves_visibly
 from fraexp.data.signals import Segment
 
 TIME = np.arange(200)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fraexp.data.results import FrequencyResponse
-from fraexp.figures.elements.bundles import MIN_QUANTILE_CURVES, Bundle
+from fraexp.figures.elements.bands import MIN_QUANTILE_CURVES, Bundle
 from fraexp.figures.elements.grouping import CurvePlace
 from fraexp.figures.elements.labels import label_texts
 from fraexp.figures.kinds.bode import BodeInfo, bode_info, draw_bode

@@ -8,7 +8,7 @@ from matplotlib.colors import to_hex
 from fraexp.data.results import Curve, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.drawing import draw_figure
-from fraexp.figures.elements.bundles import TINT_SHARE, mix_grey
+from fraexp.figures.elements.bands import TINT_SHARE, mix_grey
 from fraexp.figures.elements.frequency_lines import MODEL_LINE_WIDTH
 from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.kinds.other_curves import curves_info, draw_curves

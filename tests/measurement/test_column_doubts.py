@@ -16,8 +16,8 @@ from fraexp.measurement import measurement_plan
 from fraexp.measurement.excitation_files import ExcitationTable, excitation_table
 from fraexp.measurement.measurement_plan import MeasurementPlan, plan_points, planning_setup
 from fraexp.measurement.tasks import MeasurementTask
+from fraexp.simulation.experiment_run import LiveLoop, live_setup
 from fraexp.simulation.experiments import Experiment
-from fraexp.simulation.live_loop import LiveLoop, live_setup
 from fraexp.simulation.machine import build_machine
 from fraexp.simulation.motion_limits import Demand, MotionLimits
 from fraexp.workspace.measurement_service import MeasurementService, PointEstimated

@@ -21,7 +21,7 @@ from fraexp.errors import StudyError
 from fraexp.measurement.excitation_files import ExcitationTable, excitation_table, write_excitation
 from fraexp.records.record_settings import RecordSettings
 from fraexp.records.study_writer import write_study
-from fraexp.simulation.live_loop import LiveLoop, live_setup
+from fraexp.simulation.experiment_run import LiveLoop, live_setup
 from fraexp.workspace.measurement_service import MeasurementService
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.components.translation.grammar import grammar_error

@@ -18,7 +18,7 @@ from fraexp.data.sample_file import read_header
 from fraexp.errors import FraexpError, MachineError, StudyError
 from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice, gathered
 from fraexp.measurement.measurement_plan import plan_measurement
-from fraexp.simulation.live_loop import LiveLoop
+from fraexp.simulation.experiment_run import LiveLoop
 from fraexp.simulation.motion_limits import Demand
 from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
 from fraexp.workspace.workspace_service import WorkspaceService

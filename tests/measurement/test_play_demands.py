@@ -7,7 +7,7 @@ from scipy.linalg import expm
 from fraexp.components.machine_session import PlayRequest
 from fraexp.measurement.measurement_plan import planning_setup
 from fraexp.measurement.play_demands import SimulatedPlay, simulate_demands
-from fraexp.simulation.live_loop import LiveLoop
+from fraexp.simulation.experiment_run import LiveLoop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from fraexp.simulation.motion_limits import NO_DEMAND, Demand
 from tests.machines import FRICTIONLESS, LEAD, TABLE

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from fraexp_plugins.estimators.hysteresis import Hysteresis
 from fraexp_plugins.excitations.biased_sine import BiasedSine
-from fraexp_plugins.excitations.displacement_waves import DisplacementSine, DisplacementTriangle
+from fraexp_plugins.excitations.displacement_sine import DisplacementSine
+from fraexp_plugins.excitations.displacement_triangle import DisplacementTriangle
 from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.friction.rolling import Rolling
 

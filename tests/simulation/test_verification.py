@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from fraexp_plugins.controllers.pid import Pid
 from fraexp_plugins.estimators.conventional import Conventional
-from fraexp_plugins.excitations.displacement_waves import DisplacementSine
+from fraexp_plugins.excitations.displacement_sine import DisplacementSine
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
 from fraexp_plugins.friction.lugre import LuGre
 from fraexp_plugins.friction.rolling import Rolling

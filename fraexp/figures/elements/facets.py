@@ -8,7 +8,7 @@ import numpy as np
 
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
-from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
+from fraexp.figures.elements.bands import MAX_SINGLE_CURVES
 from fraexp.figures.elements.canvas import LineStyle, add_amount_scale, amount_colours
 from fraexp.figures.elements.grouping import MAX_FACETS, CurvePlace, facet_indices
 from fraexp.figures.elements.labels import drawable

@@ -8,13 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.data.results import Curve
-from fraexp.figures.elements.bands import BAND_OPACITY, DrawnBand, draw_bands, isolated_points
-from fraexp.figures.elements.bundles import (
+from fraexp.figures.elements.bands import (
+    BAND_OPACITY,
     TINT_SHARE,
     Bundle,
     Colour,
+    DrawnBand,
     add_quantile_legend,
+    draw_bands,
     draw_bundles,
+    isolated_points,
     mix_grey,
     stack_padded,
 )

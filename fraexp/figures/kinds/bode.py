@@ -11,8 +11,7 @@ from fraexp.analysis.confidence import confidence_limits
 from fraexp.data.results import Curve, FrequencyResponse
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
-from fraexp.figures.elements.bands import DrawnBand, draw_bands
-from fraexp.figures.elements.bundles import Bundle, draw_bundles, stack_padded
+from fraexp.figures.elements.bands import Bundle, DrawnBand, draw_bands, draw_bundles, stack_padded
 from fraexp.figures.elements.canvas import LineStyle
 from fraexp.figures.elements.facets import facet_panels
 from fraexp.figures.elements.frequency_lines import (
@@ -189,21 +188,6 @@ class BodeInfo:
     """Unit of the responses, such as ``m/N``."""
 
 
-class PhaseBranch(NamedTuple):
-    """The continuous phase of a response."""
-
-    frequency: NDArray[np.float64]
-    """Ascending frequency [Hz], shape (n,)."""
-    phase: NDArray[np.float64]
-    """Phase [deg], shape (n,)."""
-    settled: NDArray[np.bool_]
-    """Whether the point had settled, shape (n,)."""
-
-
-PhaseAnchor = BodeCurve | PhaseBranch
-"""What has the phase on whose branch others lie."""
-
-
 def bode_info(
     curves: Sequence[tuple[str, FrequencyResponse]],
     reference: Reference | None = None,
@@ -227,7 +211,7 @@ def bode_info(
     indices = [[known[at] for at in of] for of in points.values()] or [[index] for index in range(len(curves))]
     models = fitted or [None] * len(curves)
     singles = [of[0] for of in indices if len(of) == 1]
-    anchor, drawn = drawn_reference or _first_branch(curves), []
+    anchor, drawn = drawn_reference or _first_curve(curves), []
     for (label, response), model in ((curves[index], models[index]) for index in singles):
         curve = _bode_curve(label, response, factor, anchor)
         drawn.append(replace(curve, model=_bode_model(model, factor, curve, response)) if model else curve)
@@ -237,17 +221,10 @@ def bode_info(
     return _wrap_phase(BodeInfo(tuple(drawn), samples, drawn_reference, shown, heading, unit), wrapped)
 
 
-def _first_branch(curves: Sequence[tuple[str, FrequencyResponse]]) -> PhaseBranch | None:
-    """Return the phase of the first response, on whose branch those of the others lie."""
-    first = next((of for _, of in curves if of.settled.any()), None)
-    return _phase_branch(first, None) if first is not None else None
-
-
-def _phase_branch(source: FrequencyResponse, anchor: PhaseAnchor | None) -> PhaseBranch:
-    order = np.argsort(source.frequency, kind="stable")
-    frequency, settled = source.frequency[order], source.settled[order]
-    target = _phase_at(anchor, frequency) if anchor else None
-    return PhaseBranch(frequency, continuous_phase(degrees(source.response[order]), settled, target), settled)
+def _first_curve(curves: Sequence[tuple[str, FrequencyResponse]]) -> BodeCurve | None:
+    """Return the first response, on the branch of whose phase those of the others lie."""
+    first = next((of for of in curves if of[1].settled.any()), None)
+    return _bode_curve(*first, 1.0, None) if first is not None else None
 
 
 def _wrap_phase(info: BodeInfo, wanted: bool) -> BodeInfo:
@@ -285,11 +262,12 @@ def _reference_curve(reference: Reference, factor: float) -> BodeCurve:
     return BodeCurve(label, frequency[order], decibel(factor * response[order]), phase, everywhere, unknown, unknown)
 
 
-def _bode_curve(label: str, source: FrequencyResponse, factor: float, anchor: PhaseAnchor | None) -> BodeCurve:
+def _bode_curve(label: str, source: FrequencyResponse, factor: float, anchor: BodeCurve | None) -> BodeCurve:
     order = np.argsort(source.frequency, kind="stable")
-    frequency, phase, settled = _phase_branch(source, anchor)
+    frequency, settled, response = source.frequency[order], source.settled[order], source.response[order]
+    phase = continuous_phase(degrees(response), settled, _phase_at(anchor, frequency))
     band, turn = (each[:, order] for each in confidence_limits(source))
-    magnitude = decibel(factor * source.response[order])
+    magnitude = decibel(factor * response)
     return BodeCurve(
         label, frequency, magnitude, phase, settled, magnitude + decibel_limits(band), phase + degree_limits(turn)
     )  # fmt: skip
@@ -316,21 +294,20 @@ def _bode_model(of: Curve, factor: float, anchor: BodeCurve, source: FrequencyRe
 
 
 def _bode_sample(
-    responses: Sequence[FrequencyResponse], place: CurvePlace, factor: float, anchor: PhaseAnchor | None
+    responses: Sequence[FrequencyResponse], place: CurvePlace, factor: float, anchor: BodeCurve | None
 ) -> BodeSample:
     orders = [np.argsort(of.frequency, kind="stable") for of in responses]
     pairs = list(zip(responses, orders, strict=True))
     frequency = stack_padded([of.frequency[order] for of, order in pairs])
     response = stack_padded([of.response[order] for of, order in pairs])
     settled = stack_padded([of.settled[order] for of, order in pairs], missing=False)
-    target = _phase_at(anchor, frequency) if anchor else None
-    phase = continuous_phase(degrees(response), settled, target)
+    phase = continuous_phase(degrees(response), settled, _phase_at(anchor, frequency))
     return BodeSample(place.group, place.sample, frequency, decibel(factor * response), phase, settled)
 
 
-def _phase_at(anchor: PhaseAnchor, frequency: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    usable = anchor.settled & np.isfinite(anchor.phase)
-    if not usable.any():
+def _phase_at(anchor: BodeCurve | None, frequency: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the phase [deg] of a curve at other frequencies; None without a curve, or if it has no settled point."""
+    if anchor is None or not (usable := anchor.settled & np.isfinite(anchor.phase)).any():
         return None
     phase: NDArray[np.float64] = np.interp(np.log(frequency), np.log(anchor.frequency[usable]), anchor.phase[usable])
     return phase

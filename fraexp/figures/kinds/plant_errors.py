@@ -11,7 +11,7 @@ from fraexp.analysis.confidence import confidence_limits
 from fraexp.data.results import EFFORT, Metric, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
-from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES
+from fraexp.figures.elements.bands import MAX_SINGLE_CURVES
 from fraexp.figures.elements.canvas import LineStyle
 from fraexp.figures.elements.facets import by_facet
 from fraexp.figures.elements.frequency_lines import (

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from fraexp.data.results import Result
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.bundles import MAX_SINGLE_CURVES, MIN_QUANTILE_CURVES
+from fraexp.figures.elements.bands import MAX_SINGLE_CURVES, MIN_QUANTILE_CURVES
 from fraexp.figures.elements.grouping import CurvePlace, ShownResult, grid_labels
 from fraexp.figures.elements.labels import label_columns
 from fraexp.figures.elements.scales import readable_unit

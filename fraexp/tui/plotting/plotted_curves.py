@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fraexp.data.results import EXTREMUM_CURVES, Curve
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.bundles import Bundle
+from fraexp.figures.elements.bands import Bundle
 from fraexp.figures.elements.grouping import CurvePlace, ShownResult, point_indices
 
 REFERENCE = -1

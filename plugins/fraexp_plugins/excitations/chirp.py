@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Period, param
-from fraexp_plugins.excitations._shared.amplitude_profile import (
+from fraexp_plugins.excitations._shared.sampling import (
     PROFILE_MEANING,
     AmplitudeProfile,
     check_profile,
+    even_samples,
     relative_amplitude,
 )
-from fraexp_plugins.excitations._shared.sampling import even_samples
 from fraexp_plugins.excitations._shared.settled_excitation import BroadbandExcitation
 
 

@@ -6,16 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import ParameterError, Period, param
-from fraexp_plugins.excitations._shared.amplitude_profile import (
-    PROFILE_MEANING,
-    AmplitudeProfile,
-    check_profile,
-    relative_amplitude,
-)
 from fraexp_plugins.excitations._shared.sampling import (
     MAX_SAMPLES_PER_PERIOD,
+    PROFILE_MEANING,
+    AmplitudeProfile,
     CoherentBlock,
+    check_profile,
     coherent_half_period,
+    relative_amplitude,
     sine_wave,
 )
 from fraexp_plugins.excitations._shared.settled_excitation import MAX_SETTLING_TOLERANCE, SteppedExcitation

@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import ParameterError, Period, param
-from fraexp_plugins.excitations._shared.amplitude_profile import (
+from fraexp_plugins.excitations._shared.sampling import (
+    MIN_CYCLES_PER_SAMPLE,
     PROFILE_MEANING,
     AmplitudeProfile,
     check_profile,
+    even_samples,
     relative_amplitude,
 )
-from fraexp_plugins.excitations._shared.sampling import MIN_CYCLES_PER_SAMPLE, even_samples
 from fraexp_plugins.excitations._shared.settled_excitation import BroadbandExcitation
 
 FIRST_CLIPPING_LEVEL, LAST_CLIPPING_LEVEL = 0.75, 0.98

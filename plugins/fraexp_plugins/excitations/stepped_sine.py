@@ -3,13 +3,13 @@
 import numpy as np
 
 from fraexp.api import Period, param
-from fraexp_plugins.excitations._shared.amplitude_profile import (
+from fraexp_plugins.excitations._shared.sampling import (
     PROFILE_MEANING,
     AmplitudeProfile,
     check_profile,
     relative_amplitude,
+    sine_wave,
 )
-from fraexp_plugins.excitations._shared.sampling import sine_wave
 from fraexp_plugins.excitations._shared.settled_excitation import SteppedExcitation
 
 

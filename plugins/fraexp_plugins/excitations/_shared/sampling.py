@@ -1,5 +1,6 @@
-"""How finely a period is sampled, and how whole cycles fit into whole samples."""
+"""How finely a period is sampled, how whole cycles fit into whole samples, and amplitudes over frequency."""
 
+import itertools
 from functools import cache
 from math import gcd
 from typing import NamedTuple
@@ -153,3 +154,30 @@ def _prime_factors(samples: int) -> tuple[int, ...]:
             samples //= factor
         factor += 1 if factor * factor <= samples else samples - factor
     return tuple(factors or [1])
+
+
+AmplitudeProfile = tuple[tuple[float, float], ...]
+"""Pairs of frequency [Hz] and relative amplitude, ascending; empty for a constant amplitude."""
+PROFILE_MEANING = (
+    "pairs of frequency and relative amplitude, joined by straight lines on logarithmic axes; "
+    "empty for a constant amplitude"
+)
+
+
+def check_profile(name: str, profile: AmplitudeProfile) -> None:
+    """Raise ParameterError unless frequencies ascend and all numbers are above 0."""
+    if min((number for pair in profile for number in pair), default=1.0) <= 0:
+        raise ParameterError(
+            f"{name}.amplitude_profile has a number of 0 or less; expected frequencies and amplitudes above 0"
+        )
+    frequencies = [frequency for frequency, _ in profile]
+    if any(second <= first for first, second in itertools.pairwise(frequencies)):
+        raise ParameterError(f"{name}.amplitude_profile has the frequencies {frequencies} Hz; expected them to ascend")
+
+
+def relative_amplitude(profile: AmplitudeProfile, frequency: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the relative amplitude at `frequency` [Hz], shape (n,); constant beyond the outermost pairs."""
+    if not profile:
+        return np.ones(frequency.shape)
+    known, relative = np.log(np.array(profile)).T
+    return np.exp(np.interp(np.log(frequency), known, relative))
