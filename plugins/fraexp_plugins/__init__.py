@@ -1,9 +1,8 @@
 """The built-in components: ordinary plugins, one a file, imported when they are used; helpers lie in `_shared`."""
 
-from fraexp.api import component_modules, hookimpl
+from fraexp.api import component_modules
 
 
-@hookimpl
 def fraexp_component_modules() -> dict[str, list[str]]:
     """Return the modules of this package with the names of their components."""
     return component_modules(__name__, __path__)

@@ -13,7 +13,7 @@ from fraexp.cli.main import main
 from tests.cli.conftest import Command
 from tests.waiting import HANG_TIMEOUT_S
 
-HEAVY = {"numpy", "pydantic", "sqlalchemy", "matplotlib", "numba", "scipy", "pint", "pluggy", "rich"}
+HEAVY = {"numpy", "pydantic", "sqlalchemy", "matplotlib", "numba", "scipy", "pint", "rich"}
 
 
 @pytest.mark.parametrize(
