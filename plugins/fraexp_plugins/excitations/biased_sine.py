@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from fraexp.api import Excitation, ParameterError, Period, Schedule, param
-from fraexp_plugins.excitations._shared.sampling import MAX_RECORDED_SAMPLES, samples_per_period
+from fraexp.api import Excitation, Period, Schedule, param
+from fraexp_plugins.excitations._shared.sampling import check_recorded, samples_per_period
 
 
 class BiasedSine(Excitation, name="biased_sine", version=1):
@@ -21,11 +21,7 @@ class BiasedSine(Excitation, name="biased_sine", version=1):
     def check(self, sample_time: float) -> None:
         """Refuse a frequency with too few samples per period, and more samples than fit into memory."""
         recorded = self.recorded_periods * samples_per_period(self.name, self.frequency, sample_time)
-        if recorded > MAX_RECORDED_SAMPLES:
-            raise ParameterError(
-                f"{self.name} records {recorded:,} samples; expected {MAX_RECORDED_SAMPLES:,} or fewer: "
-                "lower 'recorded_periods', or raise 'frequency'"
-            )
+        check_recorded(self.name, recorded, "lower 'recorded_periods', or raise 'frequency'")
 
     def periods(self, sample_time: float) -> tuple[Period, ...]:
         """Return one period, of the whole number of samples that is nearest to 1/(f Ts)."""

@@ -6,9 +6,10 @@ import numpy as np
 
 from fraexp.api import ParameterError, Period, param
 from fraexp_plugins.excitations._shared.sampling import (
-    MAX_RECORDED_SAMPLES,
-    MAX_SAMPLES_PER_PERIOD,
     CoherentBlock,
+    check_nyquist,
+    check_period,
+    check_recorded,
     coherent_block,
     interleaved_block,
     sine_wave,
@@ -70,27 +71,15 @@ class SineList(SettledExcitation, name="sine_list", version=1):
 
     def check(self, sample_time: float) -> None:
         """Refuse frequencies from the Nyquist frequency on, and periods and records beyond the memory."""
-        if max(self.frequencies) * sample_time >= 0.5:
-            raise ParameterError(
-                f"sine_list reaches {max(self.frequencies):g} Hz; at a sample time of {sample_time:g} s the Nyquist "
-                f"frequency is {0.5 / sample_time:g} Hz: lower it, or shorten loop.sample_time"
-            )
+        check_nyquist(self.name, max(self.frequencies), sample_time, "lower it")
         longest = self.interleaved_cycles / (min(self.frequencies) * sample_time)
-        if longest > MAX_SAMPLES_PER_PERIOD:
-            raise ParameterError(
-                f"sine_list has {longest:.3g} samples per period at {min(self.frequencies):g} Hz and a sample time of "
-                f"{sample_time:g} s; expected {MAX_SAMPLES_PER_PERIOD:,} or fewer: leave the frequency out, or lower "
-                "interleaved_cycles"
-            )
+        remedy = "leave the frequency out, or lower interleaved_cycles"
+        check_period(self.name, longest, sample_time, remedy, min(self.frequencies))
         recorded = sum(
             count * self.block(frequency, sample_time).samples
             for frequency, count in zip(self.frequencies, self._counts, strict=True)
         )
-        if recorded > MAX_RECORDED_SAMPLES:
-            raise ParameterError(
-                f"sine_list records {recorded:.3g} samples; expected {MAX_RECORDED_SAMPLES:,} or fewer: lower "
-                "period_counts or recorded_periods"
-            )
+        check_recorded(self.name, recorded, "lower period_counts or recorded_periods")
 
     @property
     def _counts(self) -> tuple[int, ...]:

@@ -7,7 +7,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import FrictionModel, ParameterError, param, where
+from fraexp.api import FrictionModel, param, where
+from fraexp_plugins.friction._shared.bristle_model import check_static_force
 
 STOP_DEFLECTION_M = 1e-9
 """Deflection of the stop where one is needed and none is given: in observers, in compensation, and in a composite."""
@@ -49,11 +50,7 @@ class Coulomb(FrictionModel, name="coulomb", version=4):
 
     def model_post_init(self, context: object) -> None:
         """Check that friction does not rise with the velocity."""
-        if self.effective_static_force < self.coulomb_force:
-            raise ParameterError(
-                f"coulomb.static_force is {self.effective_static_force:g} N; "
-                f"it must be at least coulomb_force, {self.coulomb_force:g} N"
-            )
+        check_static_force(self.name, self.effective_static_force, self.coulomb_force)
 
     @property
     def effective_static_force(self) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import FrictionModel, ParameterError, param, where
+from fraexp_plugins.friction._shared.bristle_model import check_static_force
 
 
 class GeneralizedMaxwellSlip(FrictionModel, name="gms", version=1):
@@ -60,11 +61,7 @@ class GeneralizedMaxwellSlip(FrictionModel, name="gms", version=1):
             raise ParameterError(
                 f"gms needs stiffness and force_fractions above 0; the force_fractions add up to {total:g}, not 1"
             )
-        if self.static_force < self.coulomb_force:
-            raise ParameterError(
-                f"gms.static_force is {self.static_force:g} N; "
-                f"it must be at least coulomb_force, {self.coulomb_force:g} N"
-            )
+        check_static_force(self.name, self.static_force, self.coulomb_force)
 
     @property
     def state_size(self) -> int:

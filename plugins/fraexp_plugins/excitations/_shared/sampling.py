@@ -45,14 +45,45 @@ class CoherentBlock(NamedTuple):
         return abs(self.cycles / (self.samples * cycles_per_sample) - 1)
 
 
+def check_range(name: str, lowest: float, highest: float) -> None:
+    """Refuse a frequency range [Hz] that ends before it begins."""
+    if lowest > highest:
+        raise ParameterError(
+            f"{name}.min_frequency is {lowest:g} Hz; it must not be above max_frequency, {highest:g} Hz"
+        )
+
+
+def check_nyquist(name: str, highest: float, sample_time: float, remedy: str = "lower 'max_frequency'") -> None:
+    """Refuse frequencies [Hz] from the Nyquist frequency on."""
+    if highest * sample_time >= 0.5:
+        raise ParameterError(
+            f"{name} reaches {highest:g} Hz; at a sample time of {sample_time:g} s the Nyquist frequency is "
+            f"{0.5 / sample_time:g} Hz: {remedy}, or shorten loop.sample_time"
+        )
+
+
+def check_period(name: str, samples: float, sample_time: float, remedy: str, frequency: float | None = None) -> None:
+    """Refuse a period, perhaps that of a frequency [Hz], whose samples do not fit into memory."""
+    if samples > MAX_SAMPLES_PER_PERIOD:
+        at = "" if frequency is None else f"{frequency:g} Hz and "
+        raise ParameterError(
+            f"{name} has {samples:.4g} samples per period at {at}a sample time of {sample_time:g} s; expected "
+            f"{MAX_SAMPLES_PER_PERIOD:,} or fewer: {remedy}"
+        )
+
+
+def check_recorded(name: str, samples: float, remedy: str) -> None:
+    """Refuse a record that does not fit into memory."""
+    if samples > MAX_RECORDED_SAMPLES:
+        raise ParameterError(
+            f"{name} records {samples:,.0f} samples in all; expected {MAX_RECORDED_SAMPLES:,} or fewer: {remedy}"
+        )
+
+
 def samples_per_period(name: str, frequency: float, sample_time: float) -> int:
     """Return the whole number nearest to 1/(f Ts); ParameterError if there are too few samples, or too many."""
     samples = round(1 / max(frequency * sample_time, MIN_CYCLES_PER_SAMPLE))
-    if samples > MAX_SAMPLES_PER_PERIOD:
-        raise ParameterError(
-            f"{name} has {samples:,} samples per period at {frequency:g} Hz and a sample time of {sample_time:g} s; "
-            f"expected {MAX_SAMPLES_PER_PERIOD:,} or fewer: raise 'frequency', or lengthen loop.sample_time"
-        )
+    check_period(name, samples, sample_time, "raise 'frequency', or lengthen loop.sample_time", frequency)
     if samples < MIN_SAMPLES_PER_PERIOD:
         raise ParameterError(
             f"{name} has {samples} samples per period at {frequency:g} Hz and a sample time of {sample_time:g} s; "

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from fraexp.api import Excitation, ParameterError, Schedule, param
 from fraexp_plugins.excitations._shared.sampling import (
     FREQUENCY_TOLERANCE,
-    MAX_RECORDED_SAMPLES,
-    MAX_SAMPLES_PER_PERIOD,
     MIN_CYCLES_PER_SAMPLE,
     CoherentBlock,
+    check_nyquist,
+    check_period,
+    check_range,
+    check_recorded,
     coherent_block,
 )
 
@@ -58,11 +60,8 @@ class SteppedExcitation(SettledExcitation, ABC):
 
     def model_post_init(self, context: object) -> None:
         """Check the grid."""
-        if not self.frequencies and self.min_frequency > self.max_frequency:
-            raise ParameterError(
-                f"{self.name}.min_frequency is {self.min_frequency:g} Hz; "
-                f"it must not be above max_frequency, {self.max_frequency:g} Hz"
-            )
+        if not self.frequencies:
+            check_range(self.name, self.min_frequency, self.max_frequency)
         if min(self.frequencies, default=1.0) <= 0:
             raise ParameterError(f"{self.name}.frequencies must be above 0 Hz")
         frequency, count = max(Counter(self.frequencies).items(), key=itemgetter(1), default=(0.0, 0))
@@ -82,24 +81,12 @@ class SteppedExcitation(SettledExcitation, ABC):
     def check(self, sample_time: float) -> None:
         """Refuse frequencies from the Nyquist frequency on, those that are alike, and periods beyond the memory."""
         longest = 1 / max(self.grid.min() * sample_time, MIN_CYCLES_PER_SAMPLE)
-        if longest > MAX_SAMPLES_PER_PERIOD:
-            raise ParameterError(
-                f"{self.name} has {longest:.3g} samples per period at {self.grid.min():g} Hz and a sample time of "
-                f"{sample_time:g} s; expected {MAX_SAMPLES_PER_PERIOD:,} or fewer: raise 'min_frequency', "
-                "or lengthen loop.sample_time"
-            )
+        remedy = "raise 'min_frequency', or lengthen loop.sample_time"
+        check_period(self.name, longest, sample_time, remedy, float(self.grid.min()))
         recorded = np.maximum(self.recorded_periods / self.grid, self.min_record_time).sum() / sample_time
-        if recorded > MAX_RECORDED_SAMPLES:
-            raise ParameterError(
-                f"{self.name} records {recorded:.3g} samples at {self.grid.size:,} frequencies; expected "
-                f"{MAX_RECORDED_SAMPLES:,} or fewer: lower 'points', 'recorded_periods' or 'min_record_time', "
-                "or raise 'min_frequency'"
-            )
-        if self.grid.max() * sample_time >= 0.5:
-            raise ParameterError(
-                f"{self.name} reaches {self.grid.max():g} Hz; at a sample time of {sample_time:g} s the Nyquist "
-                f"frequency is {0.5 / sample_time:g} Hz: lower 'max_frequency', or shorten loop.sample_time"
-            )
+        remedy = "lower 'points', 'recorded_periods' or 'min_record_time', or raise 'min_frequency'"
+        check_recorded(self.name, recorded, remedy)
+        check_nyquist(self.name, float(self.grid.max()), sample_time)
         self._check_distances(sample_time)
 
     def _check_distances(self, sample_time: float) -> None:
@@ -147,11 +134,7 @@ class BroadbandExcitation(SettledExcitation, ABC):
 
     def model_post_init(self, context: object) -> None:
         """Check the frequency range."""
-        if self.min_frequency > self.max_frequency:
-            raise ParameterError(
-                f"{self.name}.min_frequency is {self.min_frequency:g} Hz; "
-                f"it must not be above max_frequency, {self.max_frequency:g} Hz"
-            )
+        check_range(self.name, self.min_frequency, self.max_frequency)
 
     @property
     def schedule(self) -> Schedule:
@@ -168,22 +151,10 @@ class BroadbandExcitation(SettledExcitation, ABC):
 
     def check_size(self, samples: float, sample_time: float, realisations: int = 1) -> None:
         """Refuse a range that reaches the Nyquist frequency, and more samples than fit into memory."""
-        if self.max_frequency * sample_time >= 0.5:
-            raise ParameterError(
-                f"{self.name} reaches {self.max_frequency:g} Hz; at a sample time of {sample_time:g} s the Nyquist "
-                f"frequency is {0.5 / sample_time:g} Hz: lower 'max_frequency', or shorten loop.sample_time"
-            )
-        if samples > MAX_SAMPLES_PER_PERIOD:
-            raise ParameterError(
-                f"{self.name} has {samples:,.0f} samples per period at a sample time of {sample_time:g} s; "
-                f"expected {MAX_SAMPLES_PER_PERIOD:,} or fewer: shorten the period, or lengthen loop.sample_time"
-            )
+        check_nyquist(self.name, self.max_frequency, sample_time)
+        check_period(self.name, samples, sample_time, "shorten the period, or lengthen loop.sample_time")
         recorded = samples * self.recorded_periods * realisations
-        if recorded > MAX_RECORDED_SAMPLES:
-            raise ParameterError(
-                f"{self.name} records {recorded:,.0f} samples in all; expected {MAX_RECORDED_SAMPLES:,} or fewer: "
-                "lower 'recorded_periods', or shorten the period"
-            )
+        check_recorded(self.name, recorded, "lower 'recorded_periods', or shorten the period")
 
     def check_lines(self, lines: NDArray[np.int64], samples: int, sample_time: float) -> None:
         """Refuse a range without lines, and a line that rounding has moved to the Nyquist frequency."""

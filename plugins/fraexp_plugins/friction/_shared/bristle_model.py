@@ -39,13 +39,17 @@ class BristleModel(FrictionModel, ABC):
 
     def model_post_init(self, context: object) -> None:
         """Check that friction does not rise with the velocity."""
-        if self.static_force < self.coulomb_force:
-            raise ParameterError(
-                f"{self.name}.static_force is {self.static_force:g} N; "
-                f"it must be at least coulomb_force, {self.coulomb_force:g} N"
-            )
+        check_static_force(self.name, self.static_force, self.coulomb_force)
 
     @property
     def force_bound(self) -> float | None:
         """Fs [N] without σ1; with it the force has no bound."""
         return None if self.bristle_damping else self.static_force
+
+
+def check_static_force(name: str, static_force: float, coulomb_force: float) -> None:
+    """Refuse friction that rises with the velocity: forces in N."""
+    if static_force < coulomb_force:
+        raise ParameterError(
+            f"{name}.static_force is {static_force:g} N; it must be at least coulomb_force, {coulomb_force:g} N"
+        )
