@@ -80,7 +80,7 @@ def test_lists_that_do_not_fit_are_refused(made, given, reason):
     ("given", "reason"),
     [
         ({"frequencies": [1200.0, 5.0, 6.0]}, "Nyquist"),
-        ({"period_counts": [100_000, 1, 1]}, "samples; expected"),
+        ({"period_counts": [100_000, 1, 1]}, "samples in all; expected"),
     ],
 )
 def test_what_cannot_be_sampled_is_refused(made, given, reason):
