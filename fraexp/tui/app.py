@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from rich.text import Text
-from textual import events
+from textual import events, work
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.message import Message
@@ -183,9 +183,9 @@ class FraexpApp(App[None]):
         if not changes:
             return
         found = await self.backend.work(lambda workspace: reload_plugins(workspace, changes))
-        text = "\n".join(printable(shorten(str(change))) for change in found)
+        text = "\n".join(shorten(str(change)) for change in found)
         broken = any(change.reason for change in found)
-        self.notify(text, title="plugins", severity="warning" if broken else "information", markup=False)
+        self.notify(text, title="plugins", severity="warning" if broken else "information")
         self._post_to_page(PluginsChanged())
 
     @property
@@ -204,7 +204,7 @@ class FraexpApp(App[None]):
             self.push_screen(MeasurementPlanPage(study, list(overrides)))
             return
         if live.study != study:
-            self.notify(f"{live.study} is being measured; x stops it", severity="warning", markup=False)
+            self.notify(f"{live.study} is being measured; x stops it", severity="warning")
         self.push_screen(MeasurementPage(live))
 
     async def poll_measurement(self) -> None:
@@ -219,10 +219,10 @@ class FraexpApp(App[None]):
         live.is_end_shown = True
         if live.state == "complete":
             if live.message:
-                self.notify(printable(f"{live.study}: {live.message}"), severity="warning", timeout=20, markup=False)
+                self.notify(f"{live.study}: {live.message}", severity="warning", timeout=20)
             await self._analyse(live)
         else:
-            self.notify(printable(f"{live.study}: {live.state}; {live.message}"), severity="warning", markup=False)
+            self.notify(f"{live.study}: {live.state}; {live.message}", severity="warning")
 
     async def _analyse(self, live: "LiveMeasurement") -> None:
         """Run the study of a record, and show the run where its measurement was being watched."""
@@ -232,29 +232,24 @@ class FraexpApp(App[None]):
         try:
             started = await self.backend.work(lambda workspace: workspace.launch(live.result_study))
         except FraexpError as error:
-            self.notify(printable(str(error)), title="not analysed", severity="error", markup=False)
+            self.notify(str(error), title="not analysed", severity="error")
             return
         if isinstance(self.screen, MeasurementPage) and self.screen.measurement is live:
             show_run(self, started)
         else:
-            self.notify(f"{live.study} is measured; r shows the run that analyses it", markup=False)
+            self.notify(f"{live.study} is measured; r shows the run that analyses it")
 
-    async def action_quit(self) -> None:
+    @work
+    async def action_quit(self) -> None:  # type: ignore[override]
         """Quit; a machine that moves is stopped first, after a question."""
         if self.measurement is None or not self.measurement.is_moving:
             self.exit()
             return
         question = f"{self.measurement.study} is being measured. Stop the machine and quit? Measured points are kept."
-        self.push_screen(ConfirmDialog(question), lambda yes: self._stop_and_quit() if yes else None)
-
-    def _stop_and_quit(self) -> None:
-        async def stop() -> None:
-            if self.measurement is not None:
-                self.measurement.stop()
-                await asyncio.to_thread(self.measurement.join, STOP_TIMEOUT_S)
+        if await self.push_screen_wait(ConfirmDialog(question)):
+            self.measurement.stop()
+            await asyncio.to_thread(self.measurement.join, STOP_TIMEOUT_S)
             self.exit()
-
-        self.run_worker(stop(), group="quit")
 
     def action_place(self, place: str) -> None:
         """Switch to a place: to its list, as the user left it."""
@@ -269,10 +264,11 @@ class FraexpApp(App[None]):
         title: str = "",
         severity: SeverityLevel = "information",
         timeout: float | None = None,
-        markup: bool = True,
+        markup: bool = False,
     ) -> None:
         """Show a notification for a moment, shortened if it is long."""
-        super().notify(shorten(message), title=title, severity=severity, timeout=timeout, markup=markup)
+        text = "\n".join(map(printable, shorten(message).splitlines()))
+        super().notify(text, title=title, severity=severity, timeout=timeout, markup=markup)
 
     def on_notify(self) -> None:
         """Remove the previous notification: two of them would cover the plots."""

@@ -19,7 +19,9 @@ from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
 
 if TYPE_CHECKING:
+    from fraexp.store import Store
     from fraexp.tui.app import FraexpApp
+    from fraexp.workspace.workspace_service import WorkspaceService
 
 Answer = TypeVar("Answer")
 
@@ -33,6 +35,8 @@ LOAD_TIMEOUT_S = 2.0
 """Maximum seconds that keys wait for a screen to load."""
 LOAD_GROUP, TABLE_GROUP = READING_GROUPS = "load", "page"
 """Groups of the workers that load: those of the screen, and those of its tables."""
+ACTION_GROUP = "action"
+"""Group of the workers that ask the user something: the next keys are for the dialog."""
 MAX_QUOTE_LENGTH = 60
 """Maximum characters of a quoted value in a message."""
 MAX_MESSAGE_LENGTH = 800
@@ -163,13 +167,11 @@ class Page(Screen[None]):
 
     @property
     def ready(self) -> bool:
-        """Whether the content has been loaded once, or takes too long, so that keys can be delivered."""
+        """Whether keys can be delivered: the content has been loaded once, or takes too long, and no dialog is due."""
+        busy = {of.group for of in self.workers if not of.is_finished and of.node.screen is self}
         if not self._ready and self._began is not None:
-            reading = any(
-                of.group in READING_GROUPS and not of.is_finished and of.node.screen is self for of in self.workers
-            )
-            self._ready = not reading or time.monotonic() > self._began + LOAD_TIMEOUT_S
-        return self._ready
+            self._ready = busy.isdisjoint(READING_GROUPS) or time.monotonic() > self._began + LOAD_TIMEOUT_S
+        return self._ready and ACTION_GROUP not in busy
 
     def reload(self) -> None:
         """Start loading; a load in progress is completed, and repeated."""
@@ -196,6 +198,18 @@ class Page(Screen[None]):
         except FraexpError as error:
             (on_error or self.show_error)(str(error))
             return None
+
+    async def read(
+        self, question: "Callable[[Store], Answer]", on_error: Callable[[str], None] | None = None
+    ) -> Answer | None:
+        """Return what the database answers; see `fetch`."""
+        return await self.fetch(self.app.backend.read(question), on_error)
+
+    async def compute(
+        self, task: "Callable[[WorkspaceService], Answer]", on_error: Callable[[str], None] | None = None
+    ) -> Answer | None:
+        """Return the result of a task of the workspace; see `fetch`."""
+        return await self.fetch(self.app.backend.work(task), on_error)
 
     async def wait_for(self, asked: Awaitable[Answer]) -> Answer:
         """Return the answer or raise its error; the caller is cancelled if the screen has been removed meanwhile."""

@@ -10,6 +10,7 @@ from textual.timer import Timer
 from textual.widgets._toast import Toast
 
 from fraexp.tui.app import FraexpApp
+from fraexp.tui.page import ACTION_GROUP
 from tests.waiting import HANG_TIMEOUT_S
 
 Steps = Callable[[FraexpApp, Pilot[None]], Awaitable[None]]
@@ -55,7 +56,7 @@ def is_busy(app: App[None]) -> bool:
     return (
         bool(getattr(app, "_key_queue", None) and app._key_queue._held)
         or any(node.message_queue_size for node in nodes)
-        or any(not worker.is_finished for worker in app.workers if worker.group != "survey")
+        or any(not worker.is_finished for worker in app.workers if worker.group not in ("survey", ACTION_GROUP))
         or any(is_pending(timer) for node in nodes if not isinstance(node, Toast) for timer in node._timers)
     )
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import ClassVar
 
 from rich.text import Text
-from textual import on
+from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
@@ -16,7 +16,7 @@ from textual.widgets import DataTable, Static
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
 from fraexp.tui.dialogs import GroupingDialog
-from fraexp.tui.page import LOAD_GROUP, Page
+from fraexp.tui.page import ACTION_GROUP, LOAD_GROUP, Page
 from fraexp.tui.plotting.compared_sweeps import (
     MAX_COMPARED_SWEEPS,
     RESPONSE_VIEWS,
@@ -359,9 +359,7 @@ An exported figure shows the visible curves and frequencies.
 
     async def _load_some(self, marked: list[str], most: int) -> None:
         """Show the sweeps, or distributed ones of them."""
-        gathered = await self.fetch(
-            self.app.backend.read(lambda store: read_marked_sweeps(store, marked, most)), self._show_failure
-        )
+        gathered = await self.read(lambda store: read_marked_sweeps(store, marked, most), self._show_failure)
         if gathered is None:
             return
         self.app.marks.remove(gathered.gone)
@@ -375,9 +373,7 @@ An exported figure shows the visible curves and frequencies.
 
     async def _compare(self, gathered: MarkedSweeps) -> None:
         by, apart = self._by, bool(self._opened)
-        found = await self.fetch(
-            self.app.backend.work(lambda workspace: compare_sweeps(workspace, gathered, by, apart)), self._show_failure
-        )
+        found = await self.compute(lambda workspace: compare_sweeps(workspace, gathered, by, apart), self._show_failure)
         if found is not None:
             await self._set_sweeps(found, gathered)
 
@@ -421,7 +417,7 @@ An exported figure shows the visible curves and frequencies.
                     try:
                         pictures[key] = await asyncio.to_thread(found.picture, *key)
                     except FraexpError as error:
-                        self.app.notify(printable(str(error)), severity="warning", markup=False)
+                        self.app.notify(str(error), severity="warning")
                         if self._gathered is None:
                             self.show_error(str(error))  # there is no previous view
                         return False
@@ -588,6 +584,7 @@ An exported figure shows the visible curves and frequencies.
         self.stack.view_range.hidden, self.stack.view_range.focus, self.first = set(), 0, 0
         self.reload()
 
+    @work(group=ACTION_GROUP)
     async def action_group_by(self) -> None:
         """Ask for the labels that make groups."""
         if self.compared is None or self._opened:
@@ -596,17 +593,18 @@ An exported figure shows the visible curves and frequencies.
         if not offered:
             self.app.notify("these sweeps have one group: they share all labels of the grid")
             return
-        self.app.push_screen(GroupingDialog(offered, self._by), self._group_by)
-
-    def _group_by(self, by: list[str] | None) -> None:
+        by = await self.app.push_screen_wait(GroupingDialog(offered, self._by))
         if by is not None and self._gathered is not None:
             self._by = by
             self.run_worker(self._compare(self._gathered), group=LOAD_GROUP)
 
+    @work(group=ACTION_GROUP)
     async def action_export(self) -> None:
         """Export the visible curves as a figure by ``fraexp plot``."""
         if self.compared is None or self.stack.picture is None:
             return
         keys, named = self._names.of(self._visible_places())
         export = FigureExport(len(keys), named, self.stack.picture.kind, self.stack.view(), self._by)
-        export.ask(self, self._file())
+        file = await export.ask(self.app, self._file())
+        if file is not None:
+            self.run_worker(export.draw(self.app, file), group="export")

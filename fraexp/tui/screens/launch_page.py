@@ -253,7 +253,7 @@ The run is a separate process: it continues if you quit or the connection is los
         """Close the form; changes are kept for the next time."""
         if self.written.changes:
             changed = plural(len(self.written.changes), "changed line")
-            self.app.notify(f"{changed} kept until you quit; ^r on Launch restores all", markup=False)
+            self.app.notify(f"{changed} kept until you quit; ^r on Launch restores all")
         super().action_back()
 
     @on(Button.Pressed)
@@ -275,13 +275,13 @@ The run is a separate process: it continues if you quit or the connection is los
                 self.app.pop_screen()
                 await show_run(self.app, started).wait()
             elif started is not None:  # an earlier key has switched to another screen
-                self.app.notify(f"{self.entry.name} launched; r shows the runs", markup=False)
+                self.app.notify(f"{self.entry.name} launched; r shows the runs")
 
     def action_measure(self) -> None:
         """Plan the measurement of the study with these values, or show the one that is running."""
         fault = next(iter(self.written.faults.values()), "")
         if fault:
-            self.app.notify(printable(fault), title="not planned", severity="error", markup=False)
+            self.app.notify(fault, title="not planned", severity="error")
         else:
             self.app.open_measurement(self.entry.name, self._overrides)
 
@@ -294,7 +294,7 @@ The run is a separate process: it continues if you quit or the connection is los
             await self._plan()
         wrong = next(iter(self.written.faults.values()), "") or self._error
         if wrong:
-            self.app.notify(printable(str(wrong)), title="not launched", severity="error", markup=False)
+            self.app.notify(printable(str(wrong)), title="not launched", severity="error")
             return None
         name, changed, options = self.entry.name, self._overrides, self._options
         return await self.fetch(self.app.backend.work(lambda w: w.launch(name, changed, *options)))

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from rich.text import Text
+from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Vertical
@@ -18,7 +19,7 @@ from fraexp.data.results import Outcome, Result
 from fraexp.data.terminal_text import printable
 from fraexp.figures.elements.grouping import ShownResult
 from fraexp.tui.dialogs import ConfirmDialog
-from fraexp.tui.page import Page
+from fraexp.tui.page import ACTION_GROUP, Page
 from fraexp.tui.plotting.panels import prefixed_text
 from fraexp.tui.plotting.plot_stack import PlotStack
 from fraexp.tui.plotting.plotted_curves import bode_picture
@@ -368,15 +369,17 @@ At the end the record is analysed by an ordinary run, which is shown."""
             return self.measurement.has_ended
         return self.measurement.is_moving if action == "stop" else super().check_action(action, parameters)
 
-    def action_stop(self) -> None:
+    @work(group=ACTION_GROUP)
+    async def action_stop(self) -> None:
         """Stop the machine softly; the second time, kill the process after confirmation."""
         live = self.measurement
         if live.state == "measuring":
             live.stop()
-            self.app.notify("stopping: the excitation falls; x again kills the process", markup=False)
+            self.app.notify("stopping: the excitation falls; x again kills the process")
         elif live.state == "stopping":
             question = "Kill the measuring process? The machine then stops by its watchdog; measured points are kept."
-            self.app.push_screen(ConfirmDialog(question), lambda yes: live.kill() if yes else None)
+            if await self.app.push_screen_wait(ConfirmDialog(question)):
+                live.kill()
         self.show_measurement()
 
     def action_again(self) -> None:
@@ -388,7 +391,7 @@ At the end the record is analysed by an ordinary run, which is shown."""
     def action_back(self) -> None:
         """Close the screen; the measurement goes on."""
         if self.measurement.is_moving:
-            self.app.notify("the measurement goes on; m in Studies shows it", markup=False)
+            self.app.notify("the measurement goes on; m in Studies shows it")
         super().action_back()
 
 

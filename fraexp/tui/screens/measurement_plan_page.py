@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from rich.text import Text
-from textual import on
+from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
@@ -11,9 +11,8 @@ from textual.widgets import Button, Static
 
 from fraexp.data.terminal_text import printable
 from fraexp.errors import ConsentError
-from fraexp.measurement.consent import Consent
 from fraexp.tui.dialogs import ConfirmDialog
-from fraexp.tui.page import Page
+from fraexp.tui.page import ACTION_GROUP, Page
 from fraexp.tui.screens.measurement_page import LimitGauges, MeasurementPage
 from fraexp.tui.services.live_measurement import LiveMeasurement, PlanReport
 from fraexp.tui.widgets.point_table import PointsTable
@@ -98,7 +97,8 @@ To change amplitudes, frequencies or limits, open the study with Enter in Studie
     def _ask_to_measure(self) -> None:
         self.action_measure(False)
 
-    def action_measure(self, fresh: bool) -> None:
+    @work(group=ACTION_GROUP)
+    async def action_measure(self, fresh: bool) -> None:
         """Ask whether the machine may move, and measure."""
         live = self.measurement
         if live is None or live.state != "planned":
@@ -106,33 +106,24 @@ To change amplitudes, frequencies or limits, open the study with Enter in Studie
             return
         if not fresh and any(plan.is_other_stored for plan in live.plans):
             text = "a measurement with another machine, excitation or setting is stored; F discards it"
-            self.app.notify(text, severity="warning", markup=False)
+            self.app.notify(text, severity="warning")
             return
-        missing = [consent for consent in live.consents if not consent.is_given]
-        if missing:
-            question = f"The study would {missing[0].action}. Allow it, now and later?"
-            self.app.push_screen(ConfirmDialog(question), lambda yes: self._allow(missing[0], fresh) if yes else None)
-            return
-        self.app.push_screen(ConfirmDialog(question_text(live, fresh)), lambda yes: self._begin(fresh) if yes else None)
-
-    def _allow(self, consent: Consent, fresh: bool) -> None:
-        """Remember what the user has allowed, and go on."""
         try:
-            consent.remember()
+            for consent in live.consents:
+                question = f"The study would {consent.action}. Allow it, now and later?"
+                if not consent.is_given:
+                    if not await self.app.push_screen_wait(ConfirmDialog(question)):
+                        return
+                    consent.remember()
         except ConsentError as error:
-            self.app.notify(str(error), severity="error", markup=False)
+            self.app.notify(str(error), severity="error")
             return
-        self.action_measure(fresh)
-
-    def _begin(self, fresh: bool) -> None:
-        live = self.measurement
-        if live is None or self._has_begun:
-            return
-        self._has_begun = True
-        live.begin(fresh)
-        self.app.measurement = live
-        self.app.pop_screen()
-        self.app.push_screen(MeasurementPage(live))
+        if await self.app.push_screen_wait(ConfirmDialog(question_text(live, fresh))) and not self._has_begun:
+            self._has_begun = True
+            live.begin(fresh)
+            self.app.measurement = live
+            self.app.pop_screen()
+            self.app.push_screen(MeasurementPage(live))
 
     def on_unmount(self) -> None:
         """End the process, unless it measures."""

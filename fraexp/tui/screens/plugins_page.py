@@ -152,13 +152,13 @@ Enter on a friction model opens a trial: force loop and describing function, upd
 
     async def load(self) -> None:
         """Load the components, then how often they were used."""
-        found = await self.fetch(self.app.backend.work(_load_offers))
+        found = await self.compute(_load_offers)
         if found is None:
             return
         self._all = found
         self.show_notice()
         self.show()
-        used = await self.fetch(self.app.backend.read(lambda store: store.sources()), lambda _: None)
+        used = await self.read(lambda store: store.sources(), lambda _: None)
         self.query_one(PluginTable).sources = used or {}  # empty without a database
         self.show()
 
@@ -246,7 +246,7 @@ class ComponentPage(Page):
 
     async def load(self) -> None:
         """Show the current state: the file may have been repaired, broken or removed."""
-        found = await self.fetch(self.app.backend.work(_load_offers))
+        found = await self.compute(_load_offers)
         if found is None:
             return
         now = _find_successor(self._offer, found)

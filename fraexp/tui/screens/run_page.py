@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from textual import on
+from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal
@@ -22,9 +22,9 @@ from fraexp.execution.background import BackgroundRun
 from fraexp.store import ListedSweep, RunSummary, Store
 from fraexp.study.study_file import find_studies
 from fraexp.tui.dialogs import ConfirmDialog, InputDialog
-from fraexp.tui.page import Page, shorten
+from fraexp.tui.page import ACTION_GROUP, Page, shorten
 from fraexp.tui.services.themes import state_sign
-from fraexp.tui.widgets.preview_plot import PreviewPlot, RefreshBudget
+from fraexp.tui.widgets.preview_plot import WITH_RESULT, PreviewPlot, RefreshBudget
 from fraexp.tui.widgets.sweep_table import SweepTable
 from fraexp.views.fields import elapsed_text, run_duration_text, run_state_text
 from fraexp.views.listing import state_text, time_text
@@ -279,7 +279,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
             await self._show_curves(found)
 
     async def _read_run(self, number: int) -> RunSummary | None:
-        return await self.fetch(self.app.backend.read(lambda store: store.run(number)))
+        return await self.read(lambda store: store.run(number))
 
     async def _find_started_run(self) -> RunSummary | None:
         """Return the run of the started process; None until it is in the database."""
@@ -321,7 +321,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
         """Move the cursor to a sweep."""
         number = self.number
         if not self._positions:
-            keys = await self.fetch(self.app.backend.read(lambda store: store.keys("", number)))
+            keys = await self.read(lambda store: store.keys("", number))
             self._positions = {key: place for place, key in enumerate(keys or ())}
         if key in self._positions:
             table.go_to(self._positions[key])
@@ -330,8 +330,7 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
         """Show the curves that have come, at intervals that cost the run little, and all of them at its end."""
         plot, number = self.query_one(PreviewPlot), run.number
         if plot.display and not (self.live and plot.is_resting):
-            asked = self.app.backend.read(lambda store: store.keys("-state=pending -state=failed", number))
-            plot.preview(await self.fetch(asked) or [])
+            plot.preview(await self.read(lambda store: store.keys(WITH_RESULT, number)) or [])
 
     async def _show(self, run: RunSummary) -> None:
         """Show the progress and the last failures."""
@@ -360,24 +359,24 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
 
         self.app.push_screen(SweepPage(event.key))
 
-    def action_stop(self) -> None:
+    @work(group=ACTION_GROUP)
+    async def action_stop(self) -> None:
         """Stop the run; the second time, kill it after confirmation."""
         if self.run is None and self.started is None:
             return
         if not self.live:
             state = self.run.state if self.run else "finished"
-            self.app.notify(f"the run is {state}; it cannot be stopped", markup=False)
+            self.app.notify(f"the run is {state}; it cannot be stopped")
         elif self._stopping:
             question = "Kill its processes? Stored results are kept; sweeps in progress are lost."
-            self.app.push_screen(ConfirmDialog(question), lambda yes: self._stop(kill=True) if yes else None)
+            if await self.app.push_screen_wait(ConfirmDialog(question)):
+                self._stop(kill=True)
         else:
             self._stopping = True
             self._stop(kill=False)
 
-    def _stop(self, kill: bool) -> None:
-        self.run_worker(self._stop_run(kill), group="stop")
-
-    async def _stop_run(self, kill: bool) -> None:
+    @work(group="stop")
+    async def _stop(self, kill: bool) -> None:
         run, started = self.run, self.started
 
         def stop(workspace: WorkspaceService) -> None:
@@ -386,19 +385,18 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
             elif started is not None and not started.has_ended():
                 background.stop(started.pid, kill)
 
-        await self.fetch(
-            self.app.backend.work(stop), lambda text: self.app.notify(text, severity="error", markup=False)
-        )
-        self.app.notify("killed" if kill else "stopping; x again kills it", markup=False)
+        await self.compute(stop, lambda text: self.app.notify(text, severity="error"))
+        self.app.notify("killed" if kill else "stopping; x again kills it")
         self.reload()
 
     def action_again(self) -> None:
         """Run the study again: stored sweeps are reused."""
         if self.run is not None and self.run.state == "running":
-            self.app.notify("it is still running; x stops it", markup=False)
+            self.app.notify("it is still running; x stops it")
         elif self.run is not None or not self.live:
-            self.run_worker(self._run_again(self.run, self.started), group="again")
+            self._run_again(self.run, self.started)
 
+    @work(group="again")
     async def _run_again(self, run: RunSummary | None, before: BackgroundRun | None) -> None:
         def launch(workspace: WorkspaceService) -> BackgroundRun:
             if run is not None:
@@ -406,12 +404,12 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
             assert before is not None  # it ended before it was in the database
             return background.start(before.arguments, workspace.folder, workspace.location_environment())
 
-        started = await self.fetch(self.app.backend.work(launch), self._show_refusal)
+        started = await self.compute(launch, self._show_refusal)
         if started is not None:
             show_run(self.app, started)
 
     def _show_refusal(self, text: str) -> None:
-        self.app.notify(printable(text), title="not started", severity="error", markup=False)
+        self.app.notify(text, title="not started", severity="error")
 
     async def action_compare(self) -> None:
         """Compare the marked sweeps of the run, or all of them if none is marked."""
@@ -419,10 +417,9 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
         if number is None:
             self.app.notify("the run has no results yet")
             return
-        asked = self.app.backend.read(lambda store: store.keys("-state=pending -state=failed", number))
-        keys = await self.fetch(asked, self._show_refusal)
+        keys = await self.read(lambda store: store.keys(WITH_RESULT, number), self._show_refusal)
         if not keys:
-            self.app.notify("no sweep of this run has a result to compare", markup=False)
+            self.app.notify("no sweep of this run has a result to compare")
             return
         if not any(key in marks for key in keys):
             marks.clear()
@@ -444,15 +441,14 @@ Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the
     def _stop_following(self) -> None:
         self._follows = False
 
-    def action_filter(self) -> None:
+    @work(group=ACTION_GROUP)
+    async def action_filter(self) -> None:
         """Filter the sweeps."""
-        tables = self.query(SweepTable)
-        if tables:
-            table = tables.first()
-            ask = InputDialog(
-                "Filter, such as state:unusable excitation.amplitude>=12 (empty: all sweeps)", table.filter
-            )
-            self.app.push_screen(ask, lambda text: None if text is None else setattr(table, "filter", text.strip()))
+        for table in self.query(SweepTable):
+            question = "Filter, such as state:unusable excitation.amplitude>=12 (empty: all sweeps)"
+            text = await self.app.push_screen_wait(InputDialog(question, table.filter))
+            if text is not None:
+                table.filter = text.strip()
 
 
 def show_run(app: "FraexpApp", run: int | BackgroundRun) -> Worker[None]:

@@ -2,19 +2,20 @@
 
 from typing import ClassVar
 
-from textual import on
+from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.widgets import DataTable
 
-from fraexp.store import RunSummary
+from fraexp.store import RunSummary, Store
 from fraexp.tui.dialogs import ConfirmDialog
+from fraexp.tui.page import ACTION_GROUP
 from fraexp.tui.screens.run_page import RunPage
 from fraexp.tui.widgets.filter_line import FilteredPage, FilterLine
 from fraexp.tui.widgets.paged_table import PagedTable, TableRows
 from fraexp.tui.widgets.preview_plot import SidePreview, selected_run
-from fraexp.tui.widgets.tagging import UndeletingPage
+from fraexp.tui.widgets.tagging import ChangingPage
 from fraexp.views.fields import MIN_SILENCE_S, run_duration_text, run_state_text
 from fraexp.views.listing import Column, time_text
 from fraexp.views.run_progress import bar_text, done_fraction, finished_count
@@ -56,7 +57,7 @@ def _state_text(run: RunSummary) -> str:
     return f"running {bar_text(done_fraction(run), BAR_WIDTH)}"
 
 
-class RunsPage(FilteredPage, UndeletingPage):
+class RunsPage(FilteredPage, ChangingPage):
     """All runs."""
 
     PLACE: ClassVar[str] = "runs"
@@ -94,7 +95,7 @@ Enter opens a run: its sweeps, its log, and the keys that stop it or start it ag
 
     async def load(self) -> None:
         """Read the runs."""
-        runs = await self.fetch(self.app.backend.read(lambda store: store.runs()), self._show_none)
+        runs = await self.read(lambda store: store.runs(), self._show_none)
         if runs is not None:
             self.runs = runs
             self.show_notice("" if runs else "No runs yet. s shows the studies, Enter opens one.")
@@ -134,19 +135,18 @@ Enter opens a run: its sweeps, its log, and the keys that stop it or start it ag
         if self.run is not None:
             self.app.push_screen(RunPage(self.run.number))
 
-    def action_delete(self) -> None:
+    @work(group=ACTION_GROUP)
+    async def action_delete(self) -> None:
         """Delete the run under the cursor after confirmation."""
         run = self.run
-        if run is not None:
-            what = f"Delete run {run.number} of {run.study}, and those of its {plural(run.total, 'sweep')}"
-            question = f"{what} that no other run has, with their results, tags and notes?"
-            self.app.push_screen(ConfirmDialog(question), lambda yes: self._delete(run.number) if yes else None)
+        if run is None:
+            return
 
-    def _delete(self, number: int) -> None:
-        self.run_worker(self._delete_run(number), group="delete")
+        def delete(store: Store) -> str:
+            gone = store.delete(runs=[run.number])
+            return f"run {run.number} deleted, with {plural(gone, 'sweep')}; u brings it back"
 
-    async def _delete_run(self, number: int) -> None:
-        gone = await self.fetch(self.app.backend.write(lambda store: store.delete(runs=[number])), self.show_refusal)
-        if gone is not None:
-            self.app.notify(f"run {number} deleted, with {plural(gone, 'sweep')}; u brings it back", markup=False)
-            self.reload()
+        what = f"Delete run {run.number} of {run.study}, and those of its {plural(run.total, 'sweep')}"
+        question = f"{what} that no other run has, with their results, tags and notes?"
+        if await self.app.push_screen_wait(ConfirmDialog(question)):
+            self.change(delete)

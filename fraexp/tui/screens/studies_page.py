@@ -22,7 +22,7 @@ from fraexp.tui.services.launch_form import override_texts
 from fraexp.tui.services.study_survey import SurveyProcess
 from fraexp.tui.widgets.filter_line import FilteredPage, FilterLine
 from fraexp.tui.widgets.paged_table import PagedTable, TableRows
-from fraexp.tui.widgets.preview_plot import PreviewPlot
+from fraexp.tui.widgets.preview_plot import WITH_RESULT, PreviewPlot
 from fraexp.tui.widgets.text_section import TextSection
 from fraexp.views.fields import run_state_text
 from fraexp.views.listing import Column
@@ -139,7 +139,7 @@ question; while a machine is measured, m shows it."""
 
     async def load(self) -> None:
         """Read the study files and the runs; the surveys follow one by one."""
-        entries = await self.fetch(self.app.backend.work(lambda workspace: workspace.catalogue()))
+        entries = await self.compute(lambda workspace: workspace.catalogue())
         if entries is None:
             return
         runs = await self._runs()
@@ -245,9 +245,7 @@ question; while a machine is measured, m shows it."""
             self.run_worker(reading, group="preview", exclusive=True)
 
     async def _read_run(self, number: int) -> None:
-        keys = await self.fetch(
-            self.app.backend.read(lambda store: store.keys("-state=pending -state=failed", number)), lambda _: None
-        )
+        keys = await self.read(lambda store: store.keys(WITH_RESULT, number), lambda _: None)
         self.query_one(PreviewPlot).preview(keys or [])
 
     @on(DataTable.RowSelected)

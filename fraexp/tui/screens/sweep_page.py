@@ -122,7 +122,7 @@ plugins that computed the sweep have changed since.
         """Read the sweep and show it, then its parameters and sources."""
         self.heading = f"sweep {short_key(self.key)}"
         self._command()
-        found = await self.fetch(self.app.backend.read(self._read), self._show_loss)
+        found = await self.read(self._read, self._show_loss)
         if found is None or found == self._found:
             return
         self.show_notice()

@@ -144,7 +144,7 @@ is searched in all fields. Tab completes names.
         self._command()
         if self.app.backend.workspace.has_database():
             if not self.table.display:  # after an error, show the table only when reading works again
-                if await self.fetch(self.app.backend.read(lambda store: store.page("", "", 0, 1))) is None:
+                if await self.read(lambda store: store.page("", "", 0, 1)) is None:
                     return
                 self.show_notice()
             self._show_content(True)
@@ -203,7 +203,7 @@ is searched in all fields. Tab completes names.
     async def action_filter(self) -> None:
         """Edit the filter."""
         self.line.focus()
-        known = await self.fetch(self.app.backend.read(lambda store: (store.fields(), store.tags())), lambda _: None)
+        known = await self.read(lambda store: (store.fields(), store.tags()), lambda _: None)
         if known:
             self.line.fields.know(*known)
 

@@ -7,18 +7,20 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.stamp import check_suffix
 from fraexp.figures.elements.view import View
 from fraexp.store import url_without_password
 from fraexp.tui.dialogs import ConfirmDialog, InputDialog
-from fraexp.tui.page import Page
 from fraexp.tui.plotting.compared_sweeps import ComparedSweeps
 from fraexp.tui.services.selection import Selection
 from fraexp.views.words import plural, short_key
 from fraexp.workspace.workspace_service import WorkspaceService
+
+if TYPE_CHECKING:
+    from fraexp.tui.app import FraexpApp
 
 
 class CurveNames:
@@ -84,33 +86,28 @@ class FigureExport:
     by: Sequence[str] | None
     """Labels that make groups; None: all."""
 
-    def ask(self, page: Page, proposed: str) -> None:
-        """Ask for a file, and draw the figure into it."""
+    async def ask(self, app: "FraexpApp", proposed: str) -> Path | None:
+        """Ask for a file to draw the figure into; None if there is nothing to draw, or the user decides against it."""
         if not self.count:
-            page.app.notify("all curves are hidden; press 0 to show them", severity="warning")
-            return
+            app.notify("all curves are hidden; press 0 to show them", severity="warning")
+            return None
         what = plural(self.count, "sweep")
         question = f"Export {what} as a {self.kind} figure to this file (.png, .svg or .pdf):"
+        answer = await app.push_screen_wait(InputDialog(question, proposed, file_fault))
+        file = Path(answer.strip()).expanduser() if answer else None
+        if (
+            file
+            and file.exists()
+            and not await app.push_screen_wait(ConfirmDialog(f"{file} already exists. Overwrite it?"))
+        ):
+            return None
+        return file
 
-        def export_to(answer: str | None) -> None:
-            file = Path(answer.strip()).expanduser() if answer else None
-            if file and file.exists():
-                asked = ConfirmDialog(f"{file} already exists. Overwrite it?")
-                page.app.push_screen(asked, lambda yes: self._start(page, file) if yes else None)
-            elif file:
-                self._start(page, file)
-
-        page.app.push_screen(InputDialog(question, proposed, file_fault), export_to)
-
-    def _start(self, page: Page, file: Path) -> None:
-        page.app.notify(f"drawing {printable(str(file))} …", timeout=3, markup=False)
-        page.run_worker(self._draw(page, file), group="export")
-
-    async def _draw(self, page: Page, file: Path) -> None:
-        workspace = page.app.backend.workspace
-        ended, text = await draw_figure(workspace, self.named, self.kind, file, self.view, self.by)
-        page.app.notify(printable(text), title="exported" if ended else "not exported",
-                        severity="information" if ended else "error", markup=False)  # fmt: skip
+    async def draw(self, app: "FraexpApp", file: Path) -> None:
+        """Draw the figure into a file, and tell how that ended."""
+        app.notify(f"drawing {file} …", timeout=3)
+        ended, text = await draw_figure(app.backend.workspace, self.named, self.kind, file, self.view, self.by)
+        app.notify(text, title="exported" if ended else "not exported", severity="information" if ended else "error")
 
 
 def file_fault(text: str) -> str:

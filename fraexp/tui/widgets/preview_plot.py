@@ -55,6 +55,8 @@ class RefreshBudget:
             self._began, self._longest_rest = None, MAX_REST_S
 
 
+WITH_RESULT = "-state=pending -state=failed"
+"""Filter of the sweeps that have a result."""
 Selected = tuple[list[str], list[tuple[str, str]]]
 """Keys of sweeps, and names and values of the details."""
 SELECTION_DELAY_S = 0.15
@@ -178,7 +180,7 @@ class SidePreview(Vertical):
 
 def selected_run(store: Store, number: int) -> Selected:
     """Return the sweeps of a run that have a result, and its details."""
-    return store.keys("-state=pending -state=failed", number), run_fields(store.run(number))
+    return store.keys(WITH_RESULT, number), run_fields(store.run(number))
 
 
 def selected_sweep(store: Store, key: str, registry: Registry) -> Selected:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar
 
+from textual import work
 from textual.binding import Binding, BindingType
 from textual.coordinate import Coordinate
 from textual.message import Message
@@ -13,7 +14,7 @@ from textual.widgets import DataTable
 from fraexp.errors import FraexpError
 from fraexp.store import ListingPage, Store
 from fraexp.tui.dialogs import ConfirmDialog, InputDialog
-from fraexp.tui.page import Page
+from fraexp.tui.page import ACTION_GROUP, Page
 from fraexp.tui.widgets.paged_table import PagedTable, TableRows
 from fraexp.views.listing import Column, complete_field, listing_columns
 
@@ -120,6 +121,7 @@ class SweepTable(PagedTable):
             self.redraw_marks()
             self.action_cursor_down()
 
+    @work(group=ACTION_GROUP)
     async def action_mark_all(self) -> None:
         """Mark all matching sweeps."""
         wanted, run = self.filter, self.run
@@ -128,17 +130,11 @@ class SweepTable(PagedTable):
         except FraexpError as error:
             self.show_error(str(error))
             return
-        origin = (*([] if run is None else [str(run)]), *(["--filter", wanted] if wanted or run is None else []))
-        if len(keys) > MAX_UNCONFIRMED_MARKS:
-            self.app.push_screen(
-                ConfirmDialog(f"Mark all {len(keys):,} sweeps?"), lambda yes: self._mark(keys, origin) if yes else None
-            )
-        else:
-            self._mark(keys, origin)
-
-    def _mark(self, keys: list[str], origin: tuple[str, ...]) -> None:
-        self.app.marks.add(keys, origin)
-        self.redraw_marks()
+        question = ConfirmDialog(f"Mark all {len(keys):,} sweeps?")
+        if len(keys) <= MAX_UNCONFIRMED_MARKS or await self.app.push_screen_wait(question):
+            named = () if run is None else (str(run),)
+            self.app.marks.add(keys, (*named, "--filter", wanted) if wanted or run is None else named)
+            self.redraw_marks()
 
     def action_unmark_all(self) -> None:
         """Unmark all sweeps."""
@@ -155,6 +151,7 @@ class SweepTable(PagedTable):
         if isinstance(self.screen, Page):
             self.screen.show_header()
 
+    @work(group=ACTION_GROUP)
     async def action_order(self) -> None:
         """Ask for the field to sort by."""
         try:
@@ -173,11 +170,10 @@ class SweepTable(PagedTable):
             except FraexpError as error:
                 return str(error)
 
-        ask = InputDialog(question, self.order, fault, [*offered, *(f"-{name}" for name in offered)])
-        self.app.push_screen(
-            ask,
-            lambda text: None if text is None else setattr(self, "order", _sort_field(text, fields, headings)),
-        )
+        dialog = InputDialog(question, self.order, fault, [*offered, *(f"-{name}" for name in offered)])
+        text = await self.app.push_screen_wait(dialog)
+        if text is not None:
+            self.order = _sort_field(text, fields, headings)
 
     def action_turn_order(self) -> None:
         """Reverse the order."""

@@ -1,36 +1,51 @@
 """Tags, notes, deletion and undeletion, for all screens that show sweeps or runs."""
 
-from collections.abc import Callable
-from typing import Any, ClassVar
+from collections.abc import Callable, Sequence
+from typing import ClassVar
 
+from textual import work
 from textual.binding import Binding, BindingType
 
-from fraexp.errors import StoreError
+from fraexp.errors import FraexpError, StoreError
 from fraexp.store import Store
 from fraexp.store.queries.annotations import check_tag
 from fraexp.tui.dialogs import ConfirmDialog, InputDialog
-from fraexp.tui.page import Page
+from fraexp.tui.page import ACTION_GROUP, Page
 from fraexp.views.deletion import deletion_text, hidden_text, sweep_loss_text
 from fraexp.views.words import plural, short_key
 
 
-class UndeletingPage(Page):
-    """A screen on which something can be deleted."""
+class ChangingPage(Page):
+    """A screen on which something can be changed in the database, and brought back after a deletion."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("u", "undelete", "undelete", show=False, tooltip="bring back what was deleted last"),
     ]
 
-    async def action_undelete(self) -> None:
+    def action_undelete(self) -> None:
         """Bring back what was deleted last."""
-        done = await self.fetch(self.app.backend.write(_undelete_last), self.show_refusal)
-        if done is not None:
-            self.app.notify(done)
-            self.reload()
+        self.change(_undelete_last)
+
+    @work(group="change")
+    async def change(self, action: Callable[[Store], object], done: str = "", deleted: Sequence[str] = ()) -> None:
+        """Change the database, and tell what was `done`, by default what `action` returns, or why nothing was."""
+        try:
+            answer = await self.wait_for(self.app.backend.write(action))
+        except FraexpError as error:
+            self.show_refusal(str(error))
+            return
+        self.app.notify(done or str(answer))
+        self.app.marks.remove(deleted)
+        self.show_header()
+        self.handle_deletion() if deleted else self.reload()
+
+    def handle_deletion(self) -> None:
+        """Update the screen after sweeps were deleted."""
+        self.reload()
 
     def show_refusal(self, text: str) -> None:
         """Show why something was not done."""
-        self.app.notify(text, title="nothing was changed", severity="error", markup=False, timeout=10)
+        self.app.notify(text, title="nothing was changed", severity="error", timeout=10)
 
 
 def _undelete_last(store: Store) -> str:
@@ -41,7 +56,7 @@ def _undelete_last(store: Store) -> str:
     return "nothing to bring back: the trash is empty, or its sweeps were computed again"
 
 
-class TaggingPage(UndeletingPage):
+class TaggingPage(ChangingPage):
     """A screen with a sweep under the cursor; actions apply to the marked sweeps, if there are any."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -64,31 +79,26 @@ class TaggingPage(UndeletingPage):
         """Return the filter of the list, which may hide marked sweeps; empty without one."""
         return ""
 
-    def handle_deletion(self) -> None:
-        """Update the screen after sweeps were deleted."""
-        self.reload()
-
+    @work(group=ACTION_GROUP)
     async def action_tag(self) -> None:
         """Add a tag to sweeps."""
         keys, wanted = self.selected_keys(), self.filter_text()
-        found = await self._ask_store(lambda store: (store.tags(), hidden_text(store, keys, wanted))) if keys else None
-        if found is None:
+        found = await self.read(lambda store: (store.tags(), hidden_text(store, keys, wanted)), self.show_refusal)
+        if found is None or not keys:
             return
         known, hidden = found
         used = f" Existing tags: {', '.join(known)}." if known else ""
         question = f"Tag for {_sweeps_text(keys)}{hidden} (one word)?{used}"
+        answer = await self.app.push_screen_wait(InputDialog(question, check=_tag_fault, offered=known))
+        if name := (answer or "").strip():
+            self.change(lambda store: store.tag(keys, name), f"{_sweeps_text(keys)} tagged {name}")
 
-        def apply_answer(name: str | None) -> None:
-            if name:
-                self._change(lambda store: store.tag(keys, name.strip()), f"{_sweeps_text(keys)} tagged {name.strip()}")
-
-        self.app.push_screen(InputDialog(question, check=_tag_fault, offered=known), apply_answer)
-
+    @work(group=ACTION_GROUP)
     async def action_untag(self) -> None:
         """Remove a tag from sweeps."""
         keys, wanted = self.selected_keys(), self.filter_text()
-        found = await self._ask_store(lambda store: (store.tags(), hidden_text(store, keys, wanted))) if keys else None
-        if found is None:
+        found = await self.read(lambda store: (store.tags(), hidden_text(store, keys, wanted)), self.show_refusal)
+        if found is None or not keys:
             return
         known, hidden = found
         if not known:
@@ -98,61 +108,31 @@ class TaggingPage(UndeletingPage):
         def fault(name: str) -> str:
             return "" if name.strip() in known or not name.strip() else f"no sweep has the tag '{name.strip()}'"
 
-        def apply_answer(name: str | None) -> None:
-            if name and name.strip():
-                done = f"{_sweeps_text(keys)}: tag {name.strip()} removed"
-                self._change(lambda store: store.untag(keys, name.strip()), done)
-
         question = f"Remove which tag from {_sweeps_text(keys)}{hidden}? {', '.join(known)}"
-        self.app.push_screen(InputDialog(question, check=fault, offered=known), apply_answer)
+        answer = await self.app.push_screen_wait(InputDialog(question, check=fault, offered=known))
+        if name := (answer or "").strip():
+            self.change(lambda store: store.untag(keys, name), f"{_sweeps_text(keys)}: tag {name} removed")
 
+    @work(group=ACTION_GROUP)
     async def action_note(self) -> None:
         """Edit the note of the sweep under the cursor."""
         key = self.current()
-        before = await self._ask_store(lambda store: store.note(key)) if key else None
+        before = await self.read(lambda store: store.note(key), self.show_refusal) if key else None
         if key is None or before is None:
             return
+        question = f"Note on sweep {short_key(key)} (empty: remove)"
+        text = await self.app.push_screen_wait(InputDialog(question, before))
+        if text is not None and text != before:
+            self.change(lambda store: store.annotate(key, text), f"{short_key(key)}: {text or 'note removed'}")
 
-        def apply_answer(text: str | None) -> None:
-            if text is not None and text != before:
-                self._change(lambda store: store.annotate(key, text), f"{short_key(key)}: {text or 'note removed'}")
-
-        self.app.push_screen(InputDialog(f"Note on sweep {short_key(key)} (empty: remove)", before), apply_answer)
-
+    @work(group=ACTION_GROUP)
     async def action_delete(self) -> None:
         """Delete sweeps after confirmation."""
         keys, wanted = self.selected_keys(), self.filter_text()
-        loss = await self._ask_store(lambda store: sweep_loss_text(store, keys, wanted)) if keys else None
-        if loss is None:
-            return
-
-        def apply_answer(yes: bool | None) -> None:
-            if yes:
-                done = f"{plural(len(keys), 'sweep')} deleted; u brings {'it' if len(keys) == 1 else 'them'} back"
-                self._change(lambda store: store.delete(keys), done, keys)
-
-        self.app.push_screen(ConfirmDialog(f"Delete {loss}?"), apply_answer)
-
-    async def _ask_store(self, question: Callable[[Store], Any]) -> Any:
-        return await self.fetch(self.app.backend.read(question), self.show_refusal)
-
-    def _change(self, action: Callable[[Store], Any], done: str, deleted: list[str] | None = None) -> None:
-        async def change() -> None:
-            faults: list[str] = []
-            await self.fetch(self.app.backend.write(action), faults.append)
-            if faults:
-                self.show_refusal(faults[0])
-                return
-            self.app.notify(done, markup=False)
-            if deleted is None:
-                self.reload()
-            else:
-                self.app.marks.remove(deleted)
-                self.show_header()
-                self.handle_deletion()
-
-        changing: Callable[[], object] = change
-        self.run_worker(changing, group="change")
+        loss = await self.read(lambda store: sweep_loss_text(store, keys, wanted), self.show_refusal) if keys else None
+        if loss is not None and await self.app.push_screen_wait(ConfirmDialog(f"Delete {loss}?")):
+            done = f"{plural(len(keys), 'sweep')} deleted; u brings {'it' if len(keys) == 1 else 'them'} back"
+            self.change(lambda store: store.delete(keys), done, keys)
 
 
 def _tag_fault(name: str) -> str:
