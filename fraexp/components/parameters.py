@@ -122,24 +122,6 @@ class Parameters(BaseModel, metaclass=_Constructor):
             sentence = _titled(title, str(error))
         raise ParameterError(rotary_text(sentence) if rotary else sentence)
 
-    @classmethod
-    def fault(cls, data: Mapping[str, Any], key: str, title: str, *, rotary: bool = False) -> str:
-        """Return what is wrong with one of the values in one line, whatever the others are; empty if nothing is."""
-        found = cls._fault(data, key, title, ROTARY if rotary else None)
-        return rotary_text(found) if rotary else found
-
-    @classmethod
-    def _fault(cls, data: Mapping[str, Any], key: str, title: str, context: Mapping[str, str] | None) -> str:
-        try:
-            cls.model_validate(data, context=context)
-        except ValidationError as error:
-            found = [one for one in error.errors(include_url=False) if one["loc"][:1] == (key,)]
-            return _error_sentence(cls, title, data, found) if found else ""
-        except ParameterError as error:  # of a unit, or of values that do not go together
-            others = tuple(f"{other}{mark}" for other in data if other != key for mark in (":", " is "))
-            return "" if str(error).startswith(others) else _titled(title, str(error))
-        return ""
-
     def plain(self) -> dict[str, Any]:
         """Return plain data from which `parse` builds an equal object."""
         values = {key: getattr(self, key) for key in type(self).model_fields}

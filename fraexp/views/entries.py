@@ -124,7 +124,7 @@ def parameter_entries(
     """Yield all parameters of a component and of nested components, with their values in plain data."""
     for name, info in owner.model_fields.items():
         path, value, inner = f"{prefix}{name}", values.get(name), nested_kind(info)
-        group = _group(info)
+        group = parameter_group(info)
         listed: list[Any] = list(value) if isinstance(value, list | tuple) else [value]
         if inner is not None and listed and all(isinstance(part, Mapping) for part in listed):
             for index, part in enumerate(listed):
@@ -134,15 +134,19 @@ def parameter_entries(
         elif group is not None and isinstance(value, Mapping):
             yield from parameter_entries(group, value, registry, f"{path}.")
         else:
-            yield ParameterEntry(path, info, _entry_text(value))
+            yield ParameterEntry(path, info, entry_text(value))
 
 
-def _group(info: FieldInfo) -> type[Parameters] | None:
-    candidates = (info.annotation, *get_args(info.annotation))
-    return next((of for of in candidates if inspect.isclass(of) and issubclass(of, Parameters)), None)
+def parameter_group(info: FieldInfo) -> type[Parameters] | None:
+    """Return the type of a parameter group that is not a component, such as the curve of a friction model."""
+    for of in (info.annotation, *get_args(info.annotation)):
+        if inspect.isclass(of) and issubclass(of, Parameters) and not issubclass(of, Component):
+            return of
+    return None
 
 
-def _entry_text(value: object) -> str:
+def entry_text(value: object) -> str:
+    """Return a value as text; None and empty lists give an empty text."""
     if value is None or value in ([], ()):
         return ""
     if isinstance(value, float):
@@ -159,7 +163,7 @@ def apply_texts(base: Mapping[str, object], texts: Mapping[str, str]) -> dict[st
         for part in parents:
             place = place[int(part)] if isinstance(place, list) else place[part]
         if text.strip():
-            place[last] = _parse_text(text.strip())
+            place[last] = parse_text(text)
         else:
             place.pop(last, None)
     return data
@@ -171,11 +175,12 @@ def _copy_without_version(value: object) -> Any:
     return [_copy_without_version(item) for item in value] if isinstance(value, list | tuple) else value
 
 
-def _parse_text(text: str) -> Any:
+def parse_text(text: str) -> Any:
+    """Return the value of a text as ``--set`` reads it."""
     try:
-        return toml.value(text)
+        return toml.value(text.strip())
     except ValueError:
-        return text
+        return text.strip()
 
 
 def without_defaults(owner: type[Parameters], data: Mapping[str, Any], registry: Registry) -> dict[str, Any]:
@@ -184,7 +189,7 @@ def without_defaults(owner: type[Parameters], data: Mapping[str, Any], registry:
     for name, info in owner.model_fields.items():
         if name not in data:
             continue
-        value, inner, group = data[name], nested_kind(info), _group(info)
+        value, inner, group = data[name], nested_kind(info), parameter_group(info)
         default = None if info.is_required() else info.get_default(call_default_factory=True, validated_data={})
         if not info.is_required() and (value == default or (isinstance(default, tuple) and tuple(value) == default)):
             continue

@@ -28,7 +28,8 @@ from fraexp.study import study_file
 from fraexp.study.published_values import PublishedNumber
 from fraexp.study.random_draws import Draws
 from fraexp.study.sections import override
-from fraexp.tui.services import launch_form, user_settings
+from fraexp.tui.services import user_settings
+from fraexp.views import entries
 from fraexp.views.words import flatten, value_text
 from tests.fuzz import mutation
 from tests.fuzz.watching import Target
@@ -180,8 +181,8 @@ def _settings(folder: Path, text: str) -> None:
 
 def _override(text: str) -> None:
     value = text.partition("=")[2]
-    launch_form.field_text(launch_form.parse_text(value))
-    value_text(launch_form.parse_text(value))
+    entries.entry_text(entries.parse_text(value))
+    value_text(entries.parse_text(value))
     override(text)
 
 

@@ -28,8 +28,8 @@ from fraexp.store.validation import parse_json
 from fraexp.study.sections import override
 from fraexp.study.study_file import load, read
 from fraexp.study.study_file import resolve as study_of_data
-from fraexp.tui.services.launch_form import parse_text
 from fraexp.tui.services.user_settings import read_settings
+from fraexp.views.entries import parse_text
 
 SOON = 5.0
 """Time that a refusal may take [s]; those that were found took minutes, or for ever."""

@@ -1,6 +1,6 @@
 """A trial of a friction model: force loop and describing function, redrawn as its parameters are edited."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -10,22 +10,21 @@ from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Horizontal, Vertical, VerticalScroll
-from textual.timer import Timer
-from textual.widgets import Input, Static
+from textual.containers import Horizontal, Vertical
+from textual.widgets import Static
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.parameters import unit_of
 from fraexp.data.terminal_text import printable
-from fraexp.tui.page import Page, shorten
+from fraexp.tui.page import LOAD_GROUP, shorten
 from fraexp.tui.plotting.panels import SmallPlot, prefixed_text
+from fraexp.tui.services.launch_form import FieldGroup, FormField
 from fraexp.tui.services.plugin_watch import PluginsChanged
+from fraexp.tui.widgets.field_list import FieldList, FormDraft, FormPage
 from fraexp.views.entries import ParameterEntry, apply_texts, example_spec, parameter_entries, without_defaults
 from fraexp.views.law_trial import TRIAL_STUDY, ForceLoop, LawTrial, SineMotion, trial_overrides
 from fraexp.workspace.workspace_service import WorkspaceService
 
-TRIAL_DELAY_S = 0.1
-"""Seconds without a key before the law is evaluated."""
 STEP_FRACTION = 0.05
 """Fraction by which up and down change a number."""
 MOTION_PREFIX = "excitation."
@@ -39,7 +38,7 @@ class TrialForm:
     """The editable values: the model in plain data, its parameters and those of the motion."""
 
     base: Mapping[str, object]
-    entries: tuple[ParameterEntry, ...]
+    groups: list[FieldGroup]
 
     @classmethod
     def of(cls, name: str, workspace: WorkspaceService) -> "TrialForm":
@@ -47,84 +46,41 @@ class TrialForm:
         registry = workspace.registry
         component = registry.provider(FrictionModel.kind, name).component
         base = example_spec(component, registry)
-        own = [
-            ParameterEntry(MODEL_PREFIX + one.path, one.info, one.text)
-            for one in parameter_entries(component, base, registry)
+        fields = [
+            *_fields(MODEL_PREFIX, name, parameter_entries(component, base, registry)),
+            *_fields(MOTION_PREFIX, "", parameter_entries(SineMotion, SineMotion().plain(), registry)),
         ]
-        motion = [
-            ParameterEntry(MOTION_PREFIX + one.path, one.info, one.text)
-            for one in parameter_entries(SineMotion, SineMotion().plain(), registry)
-        ]
-        return cls(base, (*own, *motion))
+        groups: dict[str, list[FormField]] = {}
+        for field in fields:
+            groups.setdefault(field.path.rpartition(".")[0], []).append(field)
+        return cls(base, [FieldGroup(title, tuple(those)) for title, those in groups.items()])
 
-    def read(
-        self, texts: Mapping[str, str], workspace: WorkspaceService
-    ) -> tuple[dict[str, object], SineMotion, list[str]]:
+    def read(self, written: FormDraft, workspace: WorkspaceService) -> tuple[dict[str, object], SineMotion, list[str]]:
         """Return model, motion, and the overrides of a study for them; FraexpError if the motion is invalid."""
         registry = workspace.registry
-        own = {path.removeprefix(MODEL_PREFIX): text for path, text in texts.items() if path.startswith(MODEL_PREFIX)}
-        motion = {
-            path.removeprefix(MOTION_PREFIX): text for path, text in texts.items() if path.startswith(MOTION_PREFIX)
-        }
+        texts = {field.path: written.text(field) for group in self.groups for field in group.fields}
+        own, motion = (
+            {path.removeprefix(prefix): text for path, text in texts.items() if path.startswith(prefix)}
+            for prefix in (MODEL_PREFIX, MOTION_PREFIX)
+        )
         sine = SineMotion.parse(apply_texts({}, motion), MOTION_PREFIX[:-1])
         spec = apply_texts(self.base, own)
         component = registry.provider(FrictionModel.kind, str(spec["name"])).component
         return spec, sine, trial_overrides(without_defaults(component, spec, registry), sine)
 
 
-class NumberInput(Input):
-    """An input for a value, which up and down change."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("up", f"move({STEP_FRACTION})", "more", tooltip="increase by 5 %, or next choice"),
-        Binding("down", f"move(-{STEP_FRACTION})", "less", tooltip="decrease by 5 %, or previous choice"),
-    ]
-
-    def __init__(self, entry: ParameterEntry) -> None:
-        super().__init__(entry.text, compact=True, select_on_focus=False)
-        self.entry = entry
-
-    def action_move(self, share: float) -> None:
-        """Change the value by a fraction of itself."""
-        self.value = self.entry.next_text(self.value, share)
-        self.cursor_position = len(self.value)
+def _fields(prefix: str, owner: str, entries: Iterable[ParameterEntry]) -> Iterator[FormField]:
+    """Yield the lines of parameters, which errors may name with their owner, or by the last part alone."""
+    for entry in entries:
+        last = entry.path.rpartition(".")[2]
+        named = (f"{owner}.{entry.path}", f"{owner}.{last}", entry.path, last)
+        yield FormField(
+            prefix + entry.path, entry.text, unit_of(entry.info), entry.hint, choices=entry.choices,
+            named=named, label=last, step=entry.next_text,
+        )  # fmt: skip
 
 
-class TrialInput(Horizontal):
-    """A parameter's name, value and unit."""
-
-    DEFAULT_CSS = """
-    TrialInput { height: 1; }
-    TrialInput > .wrong { width: 2; color: $text-error; }
-    TrialInput > .name { width: 45%; text-wrap: nowrap; text-overflow: ellipsis; padding-right: 1; }
-    TrialInput > NumberInput { width: 1fr; background: $surface; }
-    TrialInput > NumberInput:focus { background: $panel-lighten-1; text-style: bold; }
-    TrialInput > .unit { width: 7; padding-left: 1; }
-    """
-
-    def __init__(self, entry: ParameterEntry) -> None:
-        super().__init__()
-        self.entry = entry
-
-    def compose(self) -> ComposeResult:
-        """Show name, value and unit."""
-        unit = unit_of(self.entry.info)
-        yield Static("", classes="wrong")
-        yield Static(Text(self.entry.path.rpartition(".")[2]), classes="name")
-        yield NumberInput(self.entry)
-        yield Static(Text(unit if unit != "1" else ""), classes="unit")
-
-    @property
-    def input(self) -> NumberInput:
-        """The input of the value."""
-        return self.query_one(NumberInput)
-
-    def blame(self, wrong: bool) -> None:
-        """Mark the value as invalid, or as valid."""
-        self.query_one(".wrong", Static).update("!" if wrong else "")
-
-
-class TrialPage(Page):
+class TrialPage(FormPage):
     """A trial of a friction model."""
 
     PLACE: ClassVar[str] = "plugins"
@@ -138,8 +94,6 @@ The law is evaluated in plain Python; the command at the top computes the same l
     DEFAULT_CSS = """
     TrialPage #form { width: 34; }
     TrialPage.-wide #form { width: 56; }
-    TrialPage #fields { height: 1fr; }
-    TrialPage .title { text-style: bold; padding: 0 2; }
     TrialPage #hint { height: auto; max-height: 5; padding: 0 1; border-top: solid $panel-lighten-2; }
     TrialPage #wrong { height: auto; max-height: 9; padding: 0 1; color: $text-error; text-style: bold; }
     TrialPage #numbers { height: auto; padding: 0 1; }
@@ -147,15 +101,19 @@ The law is evaluated in plain Python; the command at the top computes the same l
     TrialPage.-low.-turned #phase { display: block; }
     TrialPage.-low.-turned #loop { display: none; }
     """
+    CHECK_DELAY_S = 0.1
     BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("up", f"step({STEP_FRACTION})", "more", tooltip="increase by 5 %, or next choice"),
+        Binding("down", f"step(-{STEP_FRACTION})", "less", tooltip="decrease by 5 %, or previous choice"),
+        Binding("tab", "next(1)", "next", show=False, tooltip="next value"),
+        Binding("shift+tab", "next(-1)", "previous", show=False, tooltip="previous value"),
         Binding("f6", "turn", "plots", tooltip="show the other plots, if only two fit"),
     ]
 
     def __init__(self, name: str) -> None:
-        super().__init__()
+        super().__init__(FormDraft())
         self._model = name
-        self._form: TrialForm | None = None
-        self._timer: Timer | None = None
+        self._trial: TrialForm | None = None
         self._turn = 0
         self._numbers = ""
 
@@ -165,7 +123,7 @@ The law is evaluated in plain Python; the command at the top computes the same l
         self.command = f"fraexp run {TRIAL_STUDY}"
         with Horizontal():
             with Vertical(id="form"):
-                yield VerticalScroll(id="fields", can_focus=False)
+                yield FieldList(self.written)
                 yield Static(id="wrong")
                 yield Static(id="hint")
             with Vertical(id="plots"):
@@ -176,75 +134,53 @@ The law is evaluated in plain Python; the command at the top computes the same l
 
     async def load(self) -> None:
         """Build the form once, as the trial does not depend on the database."""
-        if self._form is None:
+        if self._trial is None:
             await self._build()
 
     async def _build(self) -> None:
-        """Build the form again, and keep the texts of fields that still exist."""
-        form = await self.fetch(
-            self.app.backend.work(lambda workspace: TrialForm.of(self._model, workspace)), self._show_fault
-        )
-        if form is None:
-            return
-        kept = self._texts()
-        place = self.query_one("#fields", VerticalScroll)
-        fields = [TrialInput(ParameterEntry(one.path, one.info, kept.get(one.path, one.text))) for one in form.entries]
-        await place.remove_children()
-        groups: dict[str, list[TrialInput]] = {}
-        for field in fields:
-            groups.setdefault(field.entry.path.rpartition(".")[0], []).append(field)
-        titles = {group: Static(Text(printable(group)), classes="title") for group in groups}
-        await place.mount(*(line for group, those in groups.items() for line in (titles[group], *those)))
-        self._form = form
-        fields[0].input.focus()
-        self._try()
-
-    def _texts(self) -> dict[str, str]:
-        return {field.entry.path: field.input.value for field in self.query(TrialInput)}
+        """Build the form again; what is written stays where its field still exists."""
+        trial = await self.compute(lambda workspace: TrialForm.of(self._model, workspace), self._show_fault)
+        if trial is not None:
+            self._trial = trial
+            self.form.show(trial.groups)
+            if self.form.field is None:
+                self.action_next(1)
+            await self.check()
 
     @on(PluginsChanged)
     def _handle_reload(self) -> None:
-        self.run_worker(self._build(), group="load", exclusive=True)
+        self.run_worker(self._build(), group=LOAD_GROUP, exclusive=True)
 
-    @on(Input.Changed)
-    def _handle_input(self) -> None:
-        if self._timer:
-            self._timer.stop()
-        self._timer = self.set_timer(TRIAL_DELAY_S, self._try)
+    def action_step(self, share: float) -> None:
+        """Change the value of the line by a fraction of itself."""
+        if self.form.field is not None:
+            self.form.write(self.form.field.step(self.written.text(self.form.field), share))
 
-    @on(Input.Submitted)
-    def _next(self) -> None:
-        self.focus_next(NumberInput)
-
-    def on_descendant_focus(self) -> None:
-        """Show the hint of the focused parameter."""
-        if isinstance(self.focused, NumberInput):
-            entry = self.focused.entry
-            self.query_one("#hint", Static).update(Text(printable(f"{entry.path}: {entry.hint}")))
-
-    def _try(self) -> None:
+    async def check(self) -> None:
+        """Evaluate the law."""
         self._turn += 1
-        self.run_worker(self._run_trial(self._turn, self._texts()), group="trial", exclusive=True)
+        self.run_worker(self._run_trial(self._turn), group="trial", exclusive=True)
 
-    async def _run_trial(self, turn: int, texts: Mapping[str, str]) -> None:
+    async def _run_trial(self, turn: int) -> None:
         """Evaluate the law: the loop first, then the describing function."""
-        form = self._form
+        form = self._trial
         if form is None:
             return
 
         def begin(workspace: WorkspaceService) -> tuple[LawTrial, ForceLoop, str]:
-            spec, sine, told = form.read(texts, workspace)
+            spec, sine, told = form.read(self.written, workspace)
             trial = LawTrial(spec, sine, workspace.registry)
             return trial, trial.loop(), workspace.command(TRIAL_STUDY, told)
 
-        found = await self.fetch(self.app.backend.work(begin), self._show_fault)
+        found = await self.compute(begin, self._show_fault)
         if found is None:
             return
         trial, loop, self.command = found
         self._show_fault("")
         self._show_loop(trial, loop)
-        wanted = self.app.backend.work(lambda _: trial.describing_function(lambda: self._turn == turn))
-        described = await self.fetch(wanted, self._show_fault)
+        described = await self.compute(
+            lambda _: trial.describing_function(lambda: self._turn == turn), self._show_fault
+        )
         if described is not None and self._turn == turn:
             self._show_describing(trial, *described)
 
@@ -252,10 +188,7 @@ The law is evaluated in plain Python; the command at the top computes the same l
         """Show an error, and mark the value that it names."""
         self.query_one("#wrong", Static).update(Text(printable(shorten(text))))
         self.query_one("#numbers", Static).update(Text(f"previous: {self._numbers}" if text else self._numbers))
-        named = [field for field in self.query(TrialInput) if _is_named(text, field.entry.path)]
-        worst = max(named, key=lambda field: len(field.entry.path), default=None)
-        for field in self.query(TrialInput):
-            field.blame(field is worst)
+        self.mark_fault(text)
 
     def _show_loop(self, trial: LawTrial, loop: ForceLoop) -> None:
         factor, unit = (1e3, "mm") if trial.sine.amplitude >= 1e-3 else (1e6, "µm")
@@ -283,10 +216,3 @@ The law is evaluated in plain Python; the command at the top computes the same l
     def action_turn(self) -> None:
         """Show the other plots."""
         self.toggle_class("-turned")
-
-
-def _is_named(text: str, path: str) -> bool:
-    """Return whether an error names a parameter, by its path or the last part of it."""
-    words = text.replace("'", " ").replace(":", " ").replace(",", " ").replace(";", " ").split()
-    inner = path.removeprefix(MODEL_PREFIX).removeprefix(MOTION_PREFIX)
-    return any(word == inner or word.endswith(f".{inner}") or path.endswith(f".{word}") for word in words)

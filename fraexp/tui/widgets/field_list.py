@@ -1,10 +1,12 @@
-"""A form as one widget: all lines are drawn as text, and an input covers the edited one."""
+"""A form: all lines are one widget, an input covers the edited one, and the page follows what is typed."""
 
+import asyncio
 from collections.abc import Sequence
+from typing import ClassVar
 
 from rich.style import Style
 from rich.text import Text
-from textual import events
+from textual import events, on, work
 from textual.app import ComposeResult
 from textual.containers import VerticalScroll
 from textual.geometry import Region
@@ -12,23 +14,27 @@ from textual.message import Message
 from textual.strip import Strip
 from textual.suggester import SuggestFromList
 from textual.widget import Widget
-from textual.widgets import Input
+from textual.widgets import Button, Input, Static
 
 from fraexp.data.terminal_text import printable
-from fraexp.tui.services.launch_form import FieldGroup, FormField
+from fraexp.tui.page import Page
+from fraexp.tui.services.launch_form import FieldGroup, FormField, find_concerned
 
 PATH_WIDTH, UNIT_WIDTH = 36, 12
 """Widths of the columns beside the value."""
+MIN_FULL_WIDTH, NARROW_PATH, NARROW_UNIT_WIDTH = 64, 0.45, 7
+"""Width of the form below which it has narrow columns, the part of it that is then the path, and the unit's width."""
 MIN_HINT_WIDTH = 110
 """Minimum width of the form to show the meanings beside the units."""
 
 
 class FormDraft:
-    """The changed values of a form, and their faults, by path."""
+    """The changed values of a form by path, and the line that is wrong."""
 
     def __init__(self) -> None:
         self.changes: dict[str, str] = {}
-        self.faults: dict[str, str] = {}
+        self.wrong = ""
+        """Path of the field that an error names; empty without one."""
 
     def text(self, field: FormField) -> str:
         """Return the current text of a field."""
@@ -66,27 +72,28 @@ class FieldLines(Widget):
         return Text(f" {title}", style=self._style("title") + Style(bold=True))
 
     def _field(self, field: FormField) -> Text:
-        changed, wrong = field.path in self.written.changes, field.path in self.written.faults
+        path_width, text_width, unit_width, hint_width = self.widths
+        changed, wrong = field.path in self.written.changes, field.path == self.written.wrong
         mark = "!" if wrong else "*" if changed else " "
-        content, after = self.written.text(field), self.hint_width
+        content = self.written.text(field)
         shown = content or (f"({field.instead})" if field.instead else "")
         style = self._style("wrong") if wrong else Style(bold=True) if changed else Style()
-        line = _cell(f"{mark} {field.path}", PATH_WIDTH, style)
-        line.append_text(_cell(shown, self.text_width, style if content else self._style("dim")))
-        line.append_text(_cell(f" {field.unit if field.unit != '1' else ''}", UNIT_WIDTH, self._style("dim")))
-        if after:
-            line.append_text(_cell(field.hint, after, self._style("dim")))
+        line = _cell(f"{mark} {field.label or field.path}", path_width, style)
+        line.append_text(_cell(shown, text_width, style if content else self._style("dim")))
+        line.append_text(_cell(f" {field.unit if field.unit != '1' else ''}", unit_width, self._style("dim")))
+        if hint_width:
+            line.append_text(_cell(field.hint, hint_width, self._style("dim")))
         return line
 
     @property
-    def hint_width(self) -> int:
-        """Width of the meanings; 0 in a narrow terminal."""
-        return (self.size.width - PATH_WIDTH - UNIT_WIDTH) // 2 if self.size.width >= MIN_HINT_WIDTH else 0
-
-    @property
-    def text_width(self) -> int:
-        """Width of the values."""
-        return max(self.size.width - PATH_WIDTH - UNIT_WIDTH - self.hint_width, 8)
+    def widths(self) -> tuple[int, int, int, int]:
+        """Widths of paths, values, units and meanings; the last is 0 in a narrow form."""
+        width = self.size.width
+        path, unit = (PATH_WIDTH, UNIT_WIDTH)
+        if width < MIN_FULL_WIDTH:
+            path, unit = int(NARROW_PATH * width), NARROW_UNIT_WIDTH
+        hint = (width - path - unit) // 2 if width >= MIN_HINT_WIDTH else 0
+        return path, max(width - path - unit - hint, 8), unit, hint
 
 
 def _cell(text: str, width: int, style: Style) -> Text:
@@ -165,6 +172,11 @@ class FieldList(VerticalScroll, can_focus=False, inherit_bindings=False):
         line.focus(scroll_visible=False)
         self.post_message(self.Chosen(field))
 
+    def write(self, text: str) -> None:
+        """Type a text over that of the edited field."""
+        line = self.query_one(Input)
+        line.value, line.cursor_position = text, len(text)
+
     def leave(self) -> None:
         """Stop editing."""
         self.field = None
@@ -179,8 +191,9 @@ class FieldList(VerticalScroll, can_focus=False, inherit_bindings=False):
         line, lines = self.query_one(Input), self.query_one(FieldLines)
         line.display = self.field is not None
         if self.field is not None:
-            line.styles.offset = (PATH_WIDTH, lines.rows.index(self.field))
-            line.styles.width = lines.text_width
+            path_width, text_width, *_ = lines.widths
+            line.styles.offset = (path_width, lines.rows.index(self.field))
+            line.styles.width = text_width
             self.see(self.field)
 
     def on_resize(self) -> None:
@@ -195,3 +208,72 @@ class FieldList(VerticalScroll, can_focus=False, inherit_bindings=False):
             field = lines.rows[row]
             if isinstance(field, FormField):
                 self.choose(field)
+
+
+class FormPage(Page):
+    """A page whose body has a `FieldList` of its draft, and a Static with the id ``hint`` for the meaning of a line."""
+
+    CHECK_DELAY_S: ClassVar[float]
+    """Seconds without a key after which what is written is checked."""
+
+    def __init__(self, written: FormDraft) -> None:
+        super().__init__()
+        self.written = written
+
+    @property
+    def form(self) -> FieldList:
+        """The lines."""
+        return self.query_one(FieldList)
+
+    def write(self, field: FormField, text: str) -> None:
+        """Take note of the text of a field."""
+        self.written.changes[field.path] = text
+
+    async def check(self) -> None:
+        """Check all that is written, and show what follows from it."""
+        raise NotImplementedError
+
+    @on(Input.Changed)
+    def _handle_input(self, event: Input.Changed) -> None:
+        field, text = self.form.field, event.value.strip()
+        if field is not None and text != self.written.text(field):
+            self.write(field, text)
+            self.form.redraw()
+            self.check_soon()
+
+    @work(group="check", exclusive=True)
+    async def check_soon(self) -> None:
+        """Check what is written once no key follows."""
+        await asyncio.sleep(self.CHECK_DELAY_S)
+        await self.check()
+
+    def mark_fault(self, text: str) -> FormField | None:
+        """Mark the line that an error names, and return it; an empty text removes the mark."""
+        field = find_concerned(text, self.form.fields) if text else None
+        self.written.wrong = field.path if field else ""
+        self.form.redraw()
+        return field
+
+    @on(FieldList.Chosen)
+    def _show_chosen_hint(self, event: FieldList.Chosen) -> None:
+        self.show_hint(event.field)
+
+    def show_hint(self, field: FormField) -> None:
+        """Show the meaning of a field."""
+        text = Text(printable(field.path), style="bold").append(f"  {printable(field.hint)}", style="not bold")
+        self.query_one("#hint", Static).update(text)
+
+    @on(Input.Submitted)
+    def _handle_submit(self) -> None:
+        self.action_next(1)
+
+    def action_next(self, lines: int) -> None:
+        """Move by lines; a button is before the first line."""
+        fields = self.form.fields
+        if not fields:
+            return  # nothing can be edited
+        at = lines + (fields.index(self.form.field) if self.form.field in fields else -1)
+        if at < 0 and (button := self.query(Button)):
+            button.first().focus()
+        else:
+            self.form.choose(fields[min(max(at, 0), len(fields) - 1)])
