@@ -103,8 +103,10 @@ The law is evaluated in plain Python; the command at the top computes the same l
     """
     CHECK_DELAY_S = 0.1
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("up", f"step({STEP_FRACTION})", "more", tooltip="increase by 5 %, or next choice"),
-        Binding("down", f"step(-{STEP_FRACTION})", "less", tooltip="decrease by 5 %, or previous choice"),
+        Binding("up", f"step({STEP_FRACTION})", "more", tooltip="increase by 5 %, or next choice", priority=True),
+        Binding(
+            "down", f"step(-{STEP_FRACTION})", "less", tooltip="decrease by 5 %, or previous choice", priority=True
+        ),
         Binding("tab", "next(1)", "next", show=False, tooltip="next value"),
         Binding("shift+tab", "next(-1)", "previous", show=False, tooltip="previous value"),
         Binding("f6", "turn", "plots", tooltip="show the other plots, if only two fit"),

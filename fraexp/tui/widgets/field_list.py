@@ -22,7 +22,7 @@ from fraexp.tui.services.launch_form import FieldGroup, FormField, find_concerne
 
 PATH_WIDTH, UNIT_WIDTH = 36, 12
 """Widths of the columns beside the value."""
-MIN_FULL_WIDTH, NARROW_PATH, NARROW_UNIT_WIDTH = 64, 0.45, 7
+MIN_FULL_WIDTH, NARROW_PATH, NARROW_UNIT_WIDTH = 64, 0.5, 7
 """Width of the form below which it has narrow columns, the part of it that is then the path, and the unit's width."""
 MIN_HINT_WIDTH = 110
 """Minimum width of the form to show the meanings beside the units."""
@@ -78,7 +78,7 @@ class FieldLines(Widget):
         content = self.written.text(field)
         shown = content or (f"({field.instead})" if field.instead else "")
         style = self._style("wrong") if wrong else Style(bold=True) if changed else Style()
-        line = _cell(f"{mark} {field.label or field.path}", path_width, style)
+        line = _cell(f"{mark} {field.label or field.path}", path_width - 1, style).append(" ")
         line.append_text(_cell(shown, text_width, style if content else self._style("dim")))
         line.append_text(_cell(f" {field.unit if field.unit != '1' else ''}", unit_width, self._style("dim")))
         if hint_width:
