@@ -89,9 +89,7 @@ async def draw_measurement(size: tuple[int, int]) -> str:
                 await pilot.pause(0.02)
             await pilot.press(*keys)
 
-        await press_when(
-            lambda: app.screen.query("StudyTable") and app.screen.entry, "slash", *"simulated_axis", "enter"
-        )
+        await press_when(lambda: app.screen.query("ListTable") and app.screen.item, "slash", *"simulated_axis", "enter")
         await press_when(lambda: app.screen.entry.name == "simulated_axis", "m")
         await press_when(lambda: getattr(app.screen, "measurement", None) and app.screen.measurement.plans, "f5")
         await press_when(lambda: isinstance(app.screen, ConfirmDialog), "y")

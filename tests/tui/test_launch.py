@@ -25,7 +25,7 @@ from tests.waiting import wait_until
 
 async def opened(app, pilot) -> FieldList:
     """Open the form of the quick study, and return its lines."""
-    await until(pilot, lambda: app.screen.entry)
+    await until(pilot, lambda: app.screen.item)
     await pilot.press("enter")
     await until(pilot, lambda: isinstance(app.screen, LaunchPage) and app.screen.groups)
     await shows(pilot, "to compute")
@@ -144,7 +144,7 @@ from fraexp.tui.screens.runs_page import RunsPage
 
 async def main():
     async with FraexpApp(sys.argv[1]).run_test(size=(80, 24)) as pilot:
-        while not getattr(pilot.app.screen, "entry", None):
+        while not getattr(pilot.app.screen, "item", None):
             await pilot.pause(0.05)
         await pilot.press("enter")
         while "to compute" not in str(pilot.app.screen.query_one("#plan").render()):
@@ -182,7 +182,7 @@ def test_keys_that_follow_the_launch_at_once_neither_stop_it_nor_are_lost(tmp_pa
             app.post_message(events.Key(key, "\r" if key == "enter" else key))
         await until(pilot, lambda: app.screen.PLACE == "runs" and isinstance(app.screen, RunsPage))
         await shows(pilot, "1 of 1")
-        await until(pilot, lambda: app.screen.runs[0].state == "complete")
+        await until(pilot, lambda: app.screen.items[0].state == "complete")
 
     pilot_of(tmp_path, steps, (120, 40))
 

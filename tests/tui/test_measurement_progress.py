@@ -79,10 +79,10 @@ def test_what_is_shown_while_it_is_measured_and_after(tmp_path) -> None:
 
     async def steps(app, pilot) -> None:
         app.measurement = live
-        await until(pilot, lambda: isinstance(app.screen, StudiesPage) and app.screen.entry)
+        await until(pilot, lambda: isinstance(app.screen, StudiesPage) and app.screen.item)
         await shows(pilot, "▶ measuring")
         assert "0/0" not in screen_text(app)
-        live.study = app.screen.entry.name
+        live.study = app.screen.item.name
         app.screen.show()
         await until(pilot, lambda: screen_text(app).count("▶ measuring") == 2)
         await app.push_screen(MeasurementPage(live))  # type: ignore[arg-type]

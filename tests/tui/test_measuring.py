@@ -90,9 +90,9 @@ def last_event(folder: Path) -> str:
 
 async def choose(app, pilot, study: str = "axis") -> None:
     """Put the cursor on a study."""
-    await until(pilot, lambda: isinstance(app.screen, StudiesPage) and app.screen.entry)
+    await until(pilot, lambda: isinstance(app.screen, StudiesPage) and app.screen.item)
     await pilot.press("slash", *study, "enter")
-    await until(pilot, lambda: app.screen.entry and app.screen.entry.name == study)
+    await until(pilot, lambda: app.screen.item and app.screen.item.name == study)
 
 
 async def begin(app, pilot) -> None:

@@ -27,7 +27,7 @@ def test_a_places_key_leads_to_its_list_from_within_and_from_elsewhere(workspace
         assert isinstance(app.screen, SweepsPage)
         await until(pilot, lambda: app.screen.table.cursor_row == 1)  # what follows is for the list
         await pilot.press("r")
-        await until(pilot, lambda: isinstance(app.screen, RunsPage) and app.screen.runs)
+        await until(pilot, lambda: isinstance(app.screen, RunsPage) and app.screen.items)
         await shows(pilot, "failing")
         await pilot.press("enter")
         await until(pilot, lambda: isinstance(app.screen, RunPage))

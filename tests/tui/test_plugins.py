@@ -9,7 +9,6 @@ from fraexp.components.local_file import load_file
 from fraexp.components.registry import discover
 from fraexp.store import Store
 from fraexp.tui.app import FraexpApp
-from fraexp.tui.screens.plugins_page import PluginTable
 from fraexp.tui.services.plugin_watch import PluginWatch
 from fraexp.views.components import list_offers
 from fraexp.workspace.workspace_service import WorkspaceService
@@ -59,7 +58,7 @@ def test_components_are_listed_with_what_they_are_and_how_often_they_were_used(w
         await shows(pilot, "rows 1-1 of 1", "eq (10) as the slider")
         await pilot.press("escape", "slash", *"friction rolling", "enter")
         await shows(pilot, "rows 1-4 of 4")
-        await until(pilot, lambda: app.screen.query_one(PluginTable).sources)
+        await until(pilot, lambda: app.screen.sources)
         await pilot.resize_terminal(160, 50)
         await shows(pilot, "used by 4 stored sweeps", "viscous_coefficient", "presets: linear_motor_table")
 

@@ -31,10 +31,10 @@ def test_a_run_is_deleted_only_if_that_is_confirmed(workspace):
         await settle(pilot)
         assert "failing" in screen_text(app)
         await pilot.press("D", "y")
-        await until(pilot, lambda: len(app.screen.runs) == 1)
+        await until(pilot, lambda: len(app.screen.items) == 1)
         await shows(pilot, "quick")
         await pilot.press("u")
-        await until(pilot, lambda: len(app.screen.runs) == 2)
+        await until(pilot, lambda: len(app.screen.items) == 2)
         await shows(pilot, "failing")
 
     pilot_of(workspace, steps)

@@ -25,7 +25,7 @@ def studies(app: FraexpApp) -> StudiesPage:
 def test_without_a_database_it_explains_itself_and_offers_the_quick_study(tmp_path):
     async def steps(app, pilot):
         await shows(pilot, "Enter again launches it", "quick", "fraexp list --studies")
-        await until(pilot, lambda: studies(app).entry and studies(app).entry.name == "quick")
+        await until(pilot, lambda: studies(app).item and studies(app).item.name == "quick")
         await pilot.press("enter")
         await until(pilot, lambda: isinstance(app.screen, LaunchPage))
         await shows(pilot, "$ fraexp run quick", "4 sweeps: 0 reused, 4 to compute")
@@ -67,11 +67,11 @@ def test_a_survey_is_the_same_after_its_way_from_the_other_process():
 def test_the_filter_says_when_nothing_is_left_and_esc_takes_it_away(workspace):
     async def steps(app, pilot):
         page = studies(app)
-        await until(pilot, lambda: page.entry)
+        await until(pilot, lambda: page.item)
         await pilot.press("slash", *"nowhere")
         await shows(pilot, "No study matches 'nowhere'", "no rows")
         await pilot.press("escape")
-        await until(pilot, lambda: page.entry and not page.query_one(FilterLine).value)
+        await until(pilot, lambda: page.item and not page.query_one(FilterLine).value)
 
     pilot_of(workspace, steps)
 
@@ -80,11 +80,11 @@ def test_the_filter_says_when_nothing_is_left_and_esc_takes_it_away(workspace):
 def test_a_study_that_is_added_is_noticed_and_its_file_can_be_read(workspace):
     async def steps(app, pilot):
         page = studies(app)
-        await until(pilot, lambda: page.entry)
+        await until(pilot, lambda: page.item)
         shutil.copy(workspace / "studies" / "failing.toml", workspace / "studies" / "added.toml")
-        await until(pilot, lambda: any(entry.name == "added" for entry in page.entries))
+        await until(pilot, lambda: any(entry.name == "added" for entry in page.items))
         await pilot.press("slash", *"added", "enter")
-        await until(pilot, lambda: page.entry and page.entry.name == "added")
+        await until(pilot, lambda: page.item and page.item.name == "added")
         await pilot.press("e")
         await until(pilot, lambda: isinstance(app.screen, FilePage))
         await shows(pilot, 'estimator = { name = "raising" }', "$ cat ")
@@ -101,7 +101,7 @@ def test_a_state_that_is_not_known_yet_is_told_and_only_worked_out_for_who_looks
 
     async def steps(app, pilot):
         page = studies(app)
-        await until(pilot, lambda: page.entry and page._soon)
+        await until(pilot, lambda: page.item and page._soon)
         await pilot.press("r")
         await until(pilot, lambda: app.current_mode == "runs")
         page._soon.stop()

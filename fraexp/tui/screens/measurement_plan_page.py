@@ -15,7 +15,7 @@ from fraexp.tui.dialogs import ConfirmDialog
 from fraexp.tui.page import ACTION_GROUP, Page
 from fraexp.tui.screens.measurement_page import LimitGauges, MeasurementPage
 from fraexp.tui.services.live_measurement import LiveMeasurement, PlanReport
-from fraexp.tui.widgets.point_table import PointsTable
+from fraexp.tui.widgets.paged_table import PointsTable
 from fraexp.views.words import plural
 
 REFRESH_INTERVAL_S = 0.05

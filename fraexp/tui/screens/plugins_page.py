@@ -10,15 +10,14 @@ from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, VerticalScroll
-from textual.css.query import NoMatches
-from textual.widgets import DataTable, Static
+from textual.widgets import Static
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.data.terminal_text import printable
 from fraexp.tui.page import Page
 from fraexp.tui.services.plugin_watch import PluginsChanged
-from fraexp.tui.widgets.filter_line import FilteredPage, FilterLine
-from fraexp.tui.widgets.paged_table import PagedTable, TableRows
+from fraexp.tui.widgets.filter_line import FilterLine, ListPage
+from fraexp.tui.widgets.paged_table import ListTable
 from fraexp.tui.widgets.text_section import TextSection
 from fraexp.views.components import (
     Offer,
@@ -45,40 +44,14 @@ def _load_offers(workspace: WorkspaceService) -> list[Offer]:
     return found
 
 
-class PluginTable(PagedTable):
-    """Components and broken plugins that match the filter."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.offers: list[Offer] = []
-        self.sources: SourceCounts = {}
-
-    async def fetch_rows(self, first: int, most: int) -> TableRows:
-        """Return rows from an offset."""
-        seen = self.offers[first : first + most]
-        columns = [
-            Column("kind", tuple(printable(of.kind) for of in seen), "key"),
-            Column("name", tuple(printable(of.name) for of in seen), "key"),
-            Column("v", tuple(printable(of.version) for of in seen), rank=3),
-            Column("state", tuple(of.state(self.sources) for of in seen), rank=1),
-            Column("from", tuple(printable(of.origin) for of in seen), rank=2, max_width=30),
-        ]
-        return TableRows(tuple(f"{of.kind} {of.name} {of.origin}" for of in seen), columns, len(self.offers))
-
-    def is_marked(self, key: str) -> bool:
-        """Return that no row is marked."""
-        return False
-
-    def position(self) -> str:
-        """Return which rows are visible, and how many are broken."""
-        broken = sum(bool(of.reason) for of in self.offers)
-        return f"{super().position()}, {broken} broken" if broken else super().position()
-
-    @property
-    def current(self) -> Offer | None:
-        """The offer under the cursor."""
-        place = self._place()
-        return self.offers[place] if 0 <= place < len(self.offers) else None
+HEADS = [
+    Column("kind", (), "key"),
+    Column("name", (), "key"),
+    Column("v", (), rank=3),
+    Column("state", (), rank=1),
+    Column("from", (), rank=2, max_width=30),
+]
+"""Columns of the components."""
 
 
 def description(offer: Offer, sources: SourceCounts, most: int | None = None) -> RenderableType:
@@ -107,11 +80,11 @@ def description(offer: Offer, sources: SourceCounts, most: int | None = None) ->
     return Group(*lines)
 
 
-class PluginsPage(FilteredPage):
+class PluginsPage(ListPage[Offer]):
     """The list of plugins."""
 
     PLACE: ClassVar[str] = "plugins"
-    AUTO_FOCUS: ClassVar[str | None] = "PluginTable"
+    AUTO_FOCUS: ClassVar[str | None] = "ListTable"
     HELP: ClassVar[str] = """
 Studies are made of components: friction models, plants, controllers, excitations, estimators, and readers of
 records. fraexp provides many; a Python file in plugins/ adds your own (fraexp new friction NAME creates one).
@@ -123,7 +96,7 @@ Enter on a friction model opens a trial: force loop and describing function, upd
     PluginsPage #split { layout: vertical; height: 1fr; }
     PluginsPage #detail { height: 45%; padding: 0 1; }
     PluginsPage.-wide #split { layout: horizontal; }
-    PluginsPage.-wide PluginTable { width: 50%; }
+    PluginsPage.-wide ListTable { width: 50%; }
     PluginsPage.-wide #detail { height: 1fr; width: 50%; border-left: solid $panel-lighten-2; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -133,9 +106,8 @@ Enter on a friction model opens a trial: force loop and describing function, upd
 
     def __init__(self) -> None:
         super().__init__()
-        self._all: list[Offer] = []
+        self.sources: SourceCounts = {}
         self._later = False
-        self._words: list[str] = []
         self._described: object = None
 
     def body(self) -> ComposeResult:
@@ -143,7 +115,7 @@ Enter on a friction model opens a trial: force loop and describing function, upd
         self.command = "fraexp plugins"
         yield FilterLine("words, such as: friction stribeck")
         with Container(id="split"):
-            yield PluginTable()
+            yield ListTable("", HEADS, self._cells, lambda offer: f"{offer.kind} {offer.name} {offer.origin}")
             yield VerticalScroll(Static(), id="detail", can_focus=False)
 
     def on_mount(self) -> None:
@@ -155,11 +127,11 @@ Enter on a friction model opens a trial: force loop and describing function, upd
         found = await self.compute(_load_offers)
         if found is None:
             return
-        self._all = found
+        self.items = found
         self.show_notice()
         self.show()
         used = await self.read(lambda store: store.sources(), lambda _: None)
-        self.query_one(PluginTable).sources = used or {}  # empty without a database
+        self.sources = used or {}  # empty without a database
         self.show()
 
     def follow(self, changed: bool) -> None:
@@ -176,50 +148,42 @@ Enter on a friction model opens a trial: force loop and describing function, upd
     def _handle_reload(self) -> None:
         self.reload()
 
+    def texts(self, item: Offer) -> Sequence[str]:
+        """Return the text of a component in which the filter looks for words."""
+        meaning = " ".join(item.provider.paragraphs[:1]) if item.provider else ""
+        return (f"{item.kind} {item.name} {item.origin} {item.reason} {meaning}",)
+
+    def _cells(self, offer: Offer) -> list[str]:
+        return [offer.kind, offer.name, offer.version, offer.state(self.sources), offer.origin]
+
     def show(self) -> None:
-        """Show the matching rows; from the top if the filter has changed."""
-        line, table = self.line, self.query_one(PluginTable)
-        anew, self._words = line.words != self._words, line.words
-        table.offers = [of for of in self._all if line.matches(_search_text(of))]
-        table.restart() if anew else table.reload()
-        self.call_after_refresh(self._describe)
+        """Show the components that match the filter, and how many of them are broken."""
+        super().show()
+        broken = sum(bool(offer.reason) for offer in self.table.items or ())
+        self.table.note = f"{broken} broken" if broken else ""
+        if self.items and not self.table.items:
+            self._described = None
+            self.query_one("#detail Static", Static).update("No component matches; Esc clears the filter.")
 
-    @on(DataTable.RowHighlighted)
-    @on(PagedTable.Shown)
-    def _describe(self) -> None:
-        try:
-            table, detail = self.query_one(PluginTable), self.query_one("#detail", VerticalScroll)
-        except NoMatches:  # the screen is closing
-            return
-        offer = table.current
-        shown = (offer, offer.uses(table.sources) if offer else bool(self._all))
-        if shown == self._described:
-            return  # an update lays out the whole screen
-        self._described = shown
-        nothing = Text("No component matches; Esc clears the filter." if self._all else "")
-        detail.query_one(Static).update(description(offer, table.sources, PREVIEW_PARAGRAPHS) if offer else nothing)
+    def preview(self, item: Offer) -> None:
+        """Show what there is to know of a component."""
+        shown = item, item.uses(self.sources)
+        if shown != self._described:  # an update lays out the whole screen
+            self._described = shown
+            self.query_one("#detail Static", Static).update(description(item, self.sources, PREVIEW_PARAGRAPHS))
 
-    @on(DataTable.RowSelected)
-    def _open(self, event: DataTable.RowSelected) -> None:
-        event.stop()
-        offer = self.query_one(PluginTable).current
-        if offer is None:
-            return
-        if offer.kind == FrictionModel.kind and not offer.reason:
+    def open(self, item: Offer) -> None:
+        """Open the trial of a friction model, or the description of any other component."""
+        if item.kind == FrictionModel.kind and not item.reason:
             from fraexp.tui.screens.trial_page import TrialPage
 
-            self.app.push_screen(TrialPage(offer.name))
+            self.app.push_screen(TrialPage(item.name))
         else:
-            self.app.push_screen(ComponentPage(offer, self.query_one(PluginTable).sources))
+            self.app.push_screen(ComponentPage(item, self.sources))
 
     def action_scroll(self, lines: int) -> None:
         """Scroll the description."""
         self.query_one("#detail", VerticalScroll).scroll_relative(y=lines * 3, animate=False)
-
-
-def _search_text(offer: Offer) -> str:
-    meaning = " ".join(offer.provider.paragraphs[:1]) if offer.provider else ""
-    return f"{offer.kind} {offer.name} {offer.origin} {offer.reason} {meaning}"
 
 
 class ComponentPage(Page):

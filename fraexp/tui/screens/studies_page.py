@@ -1,17 +1,16 @@
 """The list of studies, with the question and the state of each."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import ClassVar
 
 from rich.text import Text
-from textual import on
+from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Vertical, VerticalScroll
 from textual.timer import Timer
-from textual.widgets import DataTable, Static
+from textual.widgets import Static
 
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
@@ -20,8 +19,8 @@ from fraexp.study.catalogue import FIRST_STUDY, StudyEntry
 from fraexp.tui.page import Page
 from fraexp.tui.services.launch_form import override_texts
 from fraexp.tui.services.study_survey import SurveyProcess
-from fraexp.tui.widgets.filter_line import FilteredPage, FilterLine
-from fraexp.tui.widgets.paged_table import PagedTable, TableRows
+from fraexp.tui.widgets.filter_line import FilterLine, ListPage
+from fraexp.tui.widgets.paged_table import ListTable
 from fraexp.tui.widgets.preview_plot import WITH_RESULT, PreviewPlot
 from fraexp.tui.widgets.text_section import TextSection
 from fraexp.views.fields import run_state_text
@@ -30,8 +29,6 @@ from fraexp.views.study import StudySurvey, newest_runs, study_fields, study_row
 
 PENDING_STATE = "..."
 """State of a study that is not known yet."""
-STATE_CELL = 2
-"""Place of the state in the row of a study."""
 SURVEY_DELAY_S = 0.5
 """Seconds until the studies are surveyed, which keeps a processor busy."""
 WELCOME = """\
@@ -40,42 +37,14 @@ estimated, and what is varied. A run stores its results in a database.
 There is none here yet. Enter opens 'quick', Enter again launches it."""
 
 
-class StudyTable(PagedTable):
-    """The studies that match the filter."""
-
-    TITLE = "Studies"
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.entries: Sequence[StudyEntry] = ()
-        self.rows_of: list[list[str]] = []
-        self.last: Mapping[str, RunSummary] = {}
-        self.is_known = False
-        """Whether the studies have been found."""
-
-    async def fetch_rows(self, first: int, most: int) -> TableRows:
-        """Return studies from an offset."""
-        entries, rows = self.entries[first : first + most], self.rows_of[first : first + most]
-        study, title, state, sweeps, _ = zip(*rows, strict=True) if rows else ((),) * 5
-        state = tuple(of or PENDING_STATE for of in state)
-        sweeps = tuple(f"{int(count):,}" if count else "" for count in sweeps)
-        runs = [self.last.get(entry.name) for entry in entries]
-        last = tuple(f"{run.number} {run_state_text(run)}" if run else "" for run in runs)
-        columns = [
-            Column("study", study, "key"),
-            Column("state", state, rank=1),
-            Column("sweeps", sweeps, rank=3),
-            Column("last run", last, rank=2),
-            Column("title", title, rank=4),
-        ]
-        return TableRows(tuple(entry.name for entry in entries), columns, len(self.entries))
-
-    def position(self) -> str:
-        """Return which rows are visible."""
-        return super().position() if self.is_known else "loading …"
+HEADS = [
+    Column("study", (), "key"),
+    *(Column(title, (), rank=rank) for title, rank in {"state": 1, "sweeps": 3, "last run": 2, "title": 4}.items()),
+]
+"""Columns of the studies."""
 
 
-class StudiesPage(FilteredPage):
+class StudiesPage(ListPage[StudyEntry]):
     """All studies, with a preview of the selected one."""
 
     PLACE: ClassVar[str] = "studies"
@@ -96,13 +65,13 @@ question; while a machine is measured, m shows it."""
     DEFAULT_CSS = """
     StudiesPage #split { layout: vertical; height: 1fr; }
     StudiesPage.-wide #split { layout: horizontal; }
-    StudiesPage StudyTable { height: 1fr; }
+    StudiesPage ListTable { height: 1fr; }
     StudiesPage #side { height: 9; }
     StudiesPage #about { height: 1fr; padding: 0 1; }
     StudiesPage.-high #side { height: 14; }
     StudiesPage.-low.-first #side { display: none; }
     StudiesPage.-wide.-high PreviewPlot.-drawn { display: block; }
-    StudiesPage.-wide StudyTable { width: 2fr; }
+    StudiesPage.-wide ListTable { width: 2fr; }
     StudiesPage.-wide #side { width: 1fr; height: 1fr; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -110,11 +79,10 @@ question; while a machine is measured, m shows it."""
         Binding("e", "file", "file", tooltip="show the study's file"),
     ]
     live = True  # files may be added or changed
-    AUTO_FOCUS = "StudyTable"
+    AUTO_FOCUS = "ListTable"
 
     def __init__(self) -> None:
         super().__init__()
-        self.entries: list[StudyEntry] = []
         self.found: dict[str, StudySurvey] = {}
         self.last: dict[str, RunSummary] = {}
         self._surveyor: SurveyProcess | None = None
@@ -126,7 +94,7 @@ question; while a machine is measured, m shows it."""
         """Put the list beside or above the preview."""
         yield FilterLine("part of a name or title")
         with Container(id="split"):
-            yield StudyTable()
+            yield ListTable("Studies", HEADS, self._cells, lambda entry: entry.name)
             with Vertical(id="side"):
                 with VerticalScroll(id="about", classes="panel", can_focus=False):
                     yield Static(id="preview")
@@ -143,7 +111,7 @@ question; while a machine is measured, m shows it."""
         if entries is None:
             return
         runs = await self._runs()
-        before, self.entries, self.last = self.last, entries, newest_runs(runs)
+        before, self.items, self.last = self.last, entries, newest_runs(runs)
         moved = {
             run.study
             for run in self.last.values()
@@ -202,70 +170,65 @@ question; while a machine is measured, m shows it."""
         if self._surveyor:
             self._surveyor.stop()
 
+    def texts(self, item: StudyEntry) -> Sequence[str]:
+        """Return the texts of a study in which the filter looks for words."""
+        return item.name, item.title
+
+    def _cells(self, entry: StudyEntry) -> list[str]:
+        name, title, state, count, _ = study_row(entry, self.found.get(entry.name), self.last.get(entry.name))
+        live, run = self.app.measurement, self.last.get(entry.name)
+        if live is not None and live.is_moving and name == live.study:
+            state = live.state
+        last = f"{run.number} {run_state_text(run)}" if run else ""
+        return [name, state or PENDING_STATE, f"{int(count):,}" if count else "", last, title]
+
     def show(self) -> None:
         """Show the studies that match the filter."""
-        line, table = self.line, self.query_one(StudyTable)
-        entries = [entry for entry in self.entries if line.matches(entry.name, entry.title)]
-        table.entries, table.last, table.is_known = entries, self.last, True
-        table.rows_of = [study_row(of, self.found.get(of.name), self.last.get(of.name)) for of in entries]
-        live = self.app.measurement
-        for row in table.rows_of:
-            if live is not None and live.is_moving and row[0] == live.study:
-                row[STATE_CELL] = live.state
-        table.reload()
-        if self.entries and not entries:
-            self.query_one("#preview", Static).update(Text(f"No study matches '{line.value}'. Esc clears the filter."))
+        super().show()
+        if self.items and not self.table.items:
+            self.query_one("#preview", Static).update(
+                Text(f"No study matches '{self.line.value}'. Esc clears the filter.")
+            )
 
-    @property
-    def entry(self) -> StudyEntry | None:
-        """The study under the cursor."""
-        key = self.query_one(StudyTable).key
-        return next((entry for entry in self.entries if entry.name == key), None)
-
-    @on(PagedTable.Shown)
-    @on(DataTable.RowHighlighted)
-    def _preview(self) -> None:
-        entry = self.entry
-        if entry is None:
-            return
-        about = Text(printable(entry.title), style="bold")
-        for name, value in study_fields(entry, self.found.get(entry.name), self.last.get(entry.name)):
+    def preview(self, item: StudyEntry) -> None:
+        """Show what is known of a study, and the curves of its last run."""
+        about = Text(printable(item.title), style="bold")
+        for name, value in study_fields(item, self.found.get(item.name), self.last.get(item.name)):
             if value:
                 about.append(f"\n{printable(name)}  ", style="bold")
                 about.append(printable(value), style="not bold")
         self.query_one("#preview", Static).update(about)
-        self._preview_run(self.last.get(entry.name))
+        self._preview_run(self.last.get(item.name))
 
     def _preview_run(self, run: RunSummary | None) -> None:
         """Show the curves of a study's last run."""
         plot = self.query_one(PreviewPlot)
         plot.set_class(run is not None and self.has_class("-wide") and self.has_class("-high"), "-drawn")
         if run is not None and plot.has_class("-drawn"):
-            reading: Callable[[], object] = partial(self._read_run, run.number)
-            self.run_worker(reading, group="preview", exclusive=True)
+            self._read_run(run.number)
 
+    @work(group="preview", exclusive=True)
     async def _read_run(self, number: int) -> None:
         keys = await self.read(lambda store: store.keys(WITH_RESULT, number), lambda _: None)
         self.query_one(PreviewPlot).preview(keys or [])
 
-    @on(DataTable.RowSelected)
-    def _open_study(self) -> None:
+    def open(self, item: StudyEntry) -> None:
+        """Open the form of a study."""
         from fraexp.tui.screens.launch_page import LaunchPage
         from fraexp.tui.widgets.field_list import FormDraft
 
-        if self.entry is not None:
-            self.app.push_screen(LaunchPage(self.entry, self.app.drafts.setdefault(self.entry.name, FormDraft())))
+        self.app.push_screen(LaunchPage(item, self.app.drafts.setdefault(item.name, FormDraft())))
 
     def action_measure(self) -> None:
         """Plan the study's measurement with the values of its form, or show the one that is running."""
-        if self.entry is not None:
-            written = self.app.drafts.get(self.entry.name)
-            self.app.open_measurement(self.entry.name, override_texts(written.changes) if written else [])
+        if self.item is not None:
+            written = self.app.drafts.get(self.item.name)
+            self.app.open_measurement(self.item.name, override_texts(written.changes) if written else [])
 
     def action_file(self) -> None:
         """Show the study's file."""
-        if self.entry is not None:
-            self.app.push_screen(FilePage(self.entry.file))
+        if self.item is not None:
+            self.app.push_screen(FilePage(self.item.file))
 
 
 def _end_mark(run: RunSummary | None) -> tuple[int, str, int, int] | None:

@@ -20,7 +20,7 @@ from fraexp.data.results import Result
 from fraexp.data.terminal_text import printable
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
 from fraexp.tui.services.themes import state_sign
-from fraexp.tui.widgets.point_table import PointsTable
+from fraexp.tui.widgets.paged_table import PointsTable
 from fraexp.tui.widgets.tagging import TaggingPage
 from fraexp.tui.widgets.text_section import READING_TEXT, TextSection
 from fraexp.views.fields import remedy_text, sweep_labels

@@ -1,23 +1,24 @@
 """All sweeps in the database: filter, sort and mark."""
 
+import asyncio
 import shlex
 from collections.abc import Iterable, Mapping
 from typing import ClassVar
 
 from rich.text import Text
-from textual import on
+from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.suggester import Suggester
-from textual.timer import Timer
-from textual.widgets import DataTable, Input, Static
+from textual.widgets import DataTable, Static
 
 from fraexp.data.results import Outcome
 from fraexp.data.terminal_text import printable
 from fraexp.store import masked_url
 from fraexp.store.queries.filters import OPERATORS
 from fraexp.store.queries.known_names import METRIC_PREFIX
+from fraexp.tui.widgets.filter_line import FilteredPage, FilterLine
 from fraexp.tui.widgets.paged_table import PagedTable
 from fraexp.tui.widgets.preview_plot import SidePreview, selected_sweep
 from fraexp.tui.widgets.sweep_table import SweepTable
@@ -58,34 +59,11 @@ class FieldSuggester(Suggester):
         return value + found[len(begun) :] if found else None
 
 
-class SweepFilter(Input):
-    """The input; Tab or → accepts the completion, Enter and ↓ move to the table."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("tab", "take", "complete", tooltip="accept the completion"),
-    ]
-
-    def __init__(self) -> None:
-        self.fields = FieldSuggester()
-        super().__init__(
-            placeholder=f"/ filter: {FILTER_EXAMPLE}", suggester=self.fields, compact=True, select_on_focus=False
-        )
-
-    async def action_take(self) -> None:
-        """Accept the completion, or move to the table."""
-        offered = await self.fields.get_suggestion(self.value)
-        if offered is None:
-            self.screen.focus_next()
-        else:
-            self.value = offered
-            self.cursor_position = len(offered)
-
-
 FILTER_DELAY_S = 0.15
 """Seconds without a key after which the filter is applied."""
 
 
-class SweepsPage(TaggingPage):
+class SweepsPage(FilteredPage, TaggingPage):
     """The sweeps of all runs, newest first."""
 
     PLACE: ClassVar[str] = "sweeps"
@@ -105,17 +83,15 @@ is searched in all fields. Tab completes names.
     AUTO_FOCUS: ClassVar[str | None] = "SweepTable"
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual declares it
     DEFAULT_CSS = """
-    SweepsPage SweepFilter { height: 1; padding: 0 1; }
+    SweepsPage FilterLine { height: 1; padding: 0 1; }
     SweepsPage SweepTable { width: 3fr; }
     SweepsPage .wrong { height: auto; padding: 0 1; color: $text-error; display: none; }
     SweepsPage .wrong.-shown { display: block; }
     """
 
-    _typed: Timer | None = None
-
     def body(self) -> ComposeResult:
         """Show the filter above the matching sweeps."""
-        yield SweepFilter()
+        yield FilterLine(f"/ filter: {FILTER_EXAMPLE}", FieldSuggester(), stays=True)
         yield Static(classes="wrong")
         with Horizontal(id="split"):
             yield SweepTable(shows_errors=False)
@@ -125,11 +101,6 @@ is searched in all fields. Tab completes names.
     def table(self) -> SweepTable:
         """The sweeps."""
         return self.query_one(SweepTable)
-
-    @property
-    def line(self) -> SweepFilter:
-        """The filter."""
-        return self.query_one(SweepFilter)
 
     def current(self) -> str | None:
         """Return the key of the sweep under the cursor."""
@@ -202,39 +173,22 @@ is searched in all fields. Tab completes names.
 
     async def action_filter(self) -> None:
         """Edit the filter."""
-        self.line.focus()
+        await super().action_filter()
         known = await self.read(lambda store: (store.fields(), store.tags()), lambda _: None)
-        if known:
-            self.line.fields.know(*known)
+        if known and isinstance(fields := self.line.suggester, FieldSuggester):
+            fields.know(*known)
 
-    @on(Input.Changed)
-    def _handle_input(self, event: Input.Changed) -> None:
-        if self._typed:
-            self._typed.stop()
-        self._typed = self.set_timer(FILTER_DELAY_S, self._apply)
+    @work(group="filter", exclusive=True)
+    async def filter_rows(self) -> None:
+        """Show the sweeps that match the filter, once no key follows."""
+        await asyncio.sleep(FILTER_DELAY_S)
+        self._apply_filter()
 
-    @on(Input.Submitted)
-    def _handle_submit(self, event: Input.Submitted) -> None:
-        self._apply()
-        self.table.focus()
-
-    def _apply(self) -> None:
-        if self._typed:
-            self._typed.stop()
-        self._typed = None
+    @on(FilterLine.Left)
+    def _apply_filter(self) -> None:
+        """Show the sweeps that match the filter."""
         self.table.filter = self.line.value
         self._command()
-
-    def action_back(self) -> None:
-        """Clear the filter, leave it, or go back."""
-        if self.line.value:
-            self.line.value = ""
-            self._apply()
-            self.table.focus()
-        elif self.focused is self.line:
-            self.table.focus()
-        else:
-            super().action_back()
 
     @on(SweepTable.Opened)
     def _open_sweep(self, event: SweepTable.Opened) -> None:

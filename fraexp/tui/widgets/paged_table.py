@@ -1,12 +1,11 @@
-"""A table that holds only the visible page."""
+"""Tables that hold only the visible page: of what is read bit by bit, of a list, and of the points of a response."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Generic, Literal, TypeVar
 
 from rich.text import Text
-from textual import events
+from textual import events, work
 from textual.binding import Binding, BindingType
 from textual.coordinate import Coordinate
 from textual.message import Message
@@ -21,6 +20,7 @@ from fraexp.views.listing import COLUMN_GAP, Column, fit_columns
 if TYPE_CHECKING:
     from fraexp.tui.app import FraexpApp
 
+Item = TypeVar("Item")
 MARK_SIGN = "✓"
 STATE_TITLES = ("state", "outcome", "last run")
 """Titles of columns with states, which get signs and colours."""
@@ -117,13 +117,13 @@ class PagedTable(DataTable[Text]):
         if self._turning:
             return  # a newer page is being read
         stays = self._place() == 0
-        self._start(self._first, None if stays else self.key)
+        self._read(self._first, None if stays else self.key)
 
     def restart(self) -> None:
         """Read from the beginning, after a change of the rows or their order."""
         self._first = self._at = 0
         self._turning = True
-        self._start(0, None)
+        self._read(0, None)
 
     def _place(self) -> int:
         return self._at if self._turning else self._first + self.cursor_row
@@ -149,14 +149,11 @@ class PagedTable(DataTable[Text]):
         self._at = place
         if first != self._first:
             self._first, self._turning = first, True
-            self._start(first, None)
+            self._read(first, None)
         elif not self._turning:
             self.move_cursor(row=place - first)
 
-    def _start(self, first: int, key: str | None) -> None:
-        reading: Callable[[], object] = partial(self._read, first, key)
-        self.run_worker(reading, group=TABLE_GROUP, exclusive=True)
-
+    @work(group=TABLE_GROUP, exclusive=True)
     async def _read(self, first: int, key: str | None) -> None:
         """Read a page, and put the cursor on a key if it is given and still exists."""
         if not self.size.height:
@@ -227,7 +224,7 @@ class PagedTable(DataTable[Text]):
 
     def is_marked(self, key: str) -> bool:
         """Return whether a row is marked."""
-        return key in self.app.marks
+        return False
 
     def position(self) -> str:
         """Return which rows are visible."""
@@ -301,3 +298,83 @@ def _with_signs(column: Column) -> Column:
 
 def _justify(column: Column) -> Literal["left", "right"]:
     return "right" if column.right_aligned else "left"
+
+
+class ListTable(PagedTable, Generic[Item]):
+    """A row for each item of a list."""
+
+    def __init__(
+        self,
+        title: str = "",
+        heads: Sequence[Column] = (),
+        cells_of: Callable[[Item], Sequence[str]] = lambda _: (),
+        key_of: Callable[[Item], str] = str,
+    ) -> None:
+        """Take columns without cells, and what returns the cells of an item, and its key."""
+        super().__init__()
+        self.border_title = title
+        self.heads, self._cells_of, self._key_of = heads, cells_of, key_of
+        self.items: Sequence[Item] | None = None
+        """The items; None while they are not known."""
+        self.note = ""
+        """What is said beside the position."""
+
+    async def fetch_rows(self, first: int, most: int) -> TableRows:
+        """Return items from an offset."""
+        items = self.items or ()
+        seen = items[first : first + most]
+        rows = [self._cells_of(item) for item in seen]
+        columns = [
+            replace(head, cells=tuple(printable(row[place]) for row in rows)) for place, head in enumerate(self.heads)
+        ]
+        return TableRows(tuple(map(self._key_of, seen)), columns, len(items))
+
+    @property
+    def item(self) -> Item | None:
+        """The item under the cursor."""
+        return next((item for item in self.items or () if self._key_of(item) == self.key), None)
+
+    def position(self) -> str:
+        """Return which rows are visible."""
+        if self.items is None:
+            return "loading …"
+        return f"{super().position()}, {self.note}" if self.note else super().position()
+
+
+POINT_RANKS = {
+    "force rate": 12,
+    "acceleration": 11,
+    "after": 10,
+    "numerical": 9,
+    "input": 8,
+    "output": 7,
+    "noise": 6,
+    "nonlinear": 5,
+    "coherence": 4,
+    "distortion": 3,
+    "± 95 %": 2,
+}
+"""Ranks of the columns of points: the higher, the sooner a column is dropped if not all fit."""
+
+
+class PointsTable(ListTable[tuple[int, list[str]]]):
+    """The points of a response, a row for each frequency."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "nothing", show=False)]
+    DEFAULT_CSS = "PointsTable { height: 1fr; }"
+
+    def __init__(self) -> None:
+        super().__init__(cells_of=lambda row: row[1], key_of=lambda row: str(row[0]))
+        self.header_height = 2
+
+    def show_points(self, titles: list[str], rows: list[list[str]], are_numbers: bool = True) -> None:
+        """Show the points of another response, or rows of words."""
+        kept = [index for index in range(len(titles)) if any(row[index] for row in rows)]
+        self.heads = [_point_head(titles[index], are_numbers) for index in kept]
+        self.items = list(enumerate([row[index] for index in kept] for row in rows))
+        self.restart()
+
+
+def _point_head(title: str, is_number: bool) -> Column:
+    rank = next((rank for begin, rank in POINT_RANKS.items() if title.startswith(begin)), 0)
+    return Column(title.replace(" [", "\n["), (), rank=rank, right_aligned=is_number)

@@ -74,6 +74,10 @@ class SweepTable(PagedTable):
         columns = [replace(of, title=f"{of.title} {sign}") if of.order == by else of for of in columns]
         return TableRows(tuple(row.key for row in page.rows), columns, page.total)
 
+    def is_marked(self, key: str) -> bool:
+        """Return whether a row is marked."""
+        return key in self.app.marks
+
     @property
     def _applied_order(self) -> str:
         return self.order or ("-created" if self.run is None else "position")
