@@ -2,7 +2,9 @@
 
 import asyncio
 import gc
+import os
 import sys
+import threading
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from importlib import import_module
@@ -25,7 +27,6 @@ from fraexp.tui.page import PLACES, DatabaseChanged, Page, shorten
 from fraexp.tui.services import user_settings
 from fraexp.tui.services.plugin_watch import PluginsChanged, PluginWatch, reload_plugins
 from fraexp.tui.services.selection import Selection
-from fraexp.tui.services.terminal_watch import end_with_terminal
 from fraexp.tui.services.themes import DARK, DEFAULT_THEME, LIGHT
 
 if TYPE_CHECKING:
@@ -45,6 +46,8 @@ MEASUREMENT_POLL_INTERVAL_S = 0.2
 """Seconds between two looks at a measurement that is running."""
 STOP_TIMEOUT_S = 10.0
 """Seconds that quitting waits for the machine to come to rest."""
+TERMINAL_POLL_INTERVAL_S, HANGUP_EXIT_CODE = 1.0, 129
+"""Seconds between two polls of the terminal, and the exit code of a program that was ended by a hangup."""
 SCREENS = {
     "studies": ("fraexp.tui.screens.studies_page", "StudiesPage"),
     "runs": ("fraexp.tui.screens.runs_page", "RunsPage"),
@@ -312,3 +315,22 @@ class FraexpApp(App[None]):
         if self.measurement is not None:
             self.measurement.stop()
         self.backend.close()
+
+
+def end_with_terminal() -> None:
+    """End the program when its terminal is gone and no signal has ended it.
+
+    A thread does it, as the others block on the terminal. Nothing is lost: runs are separate processes, and incomplete
+    transactions are rolled back.
+    """
+    stream = sys.__stdin__
+    if stream is None or not stream.isatty():
+        return  # a session in a browser, which the server ends
+    file, pause = stream.fileno(), threading.Event()
+
+    def watch() -> None:
+        while not pause.wait(TERMINAL_POLL_INTERVAL_S):
+            if not os.isatty(file):
+                os._exit(HANGUP_EXIT_CODE)
+
+    threading.Thread(target=watch, name="terminal", daemon=True).start()

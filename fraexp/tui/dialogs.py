@@ -22,13 +22,6 @@ Answered = TypeVar("Answered")
 class Dialog(ModalScreen[Answered]):
     """A box over a screen."""
 
-    DEFAULT_CSS = """
-    Dialog { align: center middle; }
-    Dialog > Vertical {
-        width: 72; max-width: 96%; height: auto; padding: 1 2; background: $surface; border: round $primary;
-    }
-    """
-
     def action_leave(self) -> None:
         """Close without an answer."""
         self.dismiss(None)
@@ -60,7 +53,6 @@ class ConfirmDialog(Dialog[bool]):
 class InputDialog(Dialog[str | None]):
     """A question whose answer is a line of text; None after Esc."""
 
-    DEFAULT_CSS = "InputDialog .wrong { color: $text-error; }"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "leave", "cancel"),
         Binding("tab", "take", "complete", priority=True, tooltip="accept the completion"),
@@ -105,7 +97,6 @@ class InputDialog(Dialog[str | None]):
 class GroupingDialog(Dialog[list[str] | None]):
     """The labels that make groups: without one of them, its values share a colour; None after Esc."""
 
-    DEFAULT_CSS = "GroupingDialog SelectionList { height: auto; max-height: 12; }"
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "leave", "cancel"),
         Binding("enter", "answer", "show", priority=True),

@@ -64,10 +64,6 @@ class DatabaseChanged(Message):
 class PageHeader(Static):
     """Two lines: the place and the number of marked sweeps; and the equivalent command line."""
 
-    DEFAULT_CSS = """
-    PageHeader { height: 2; dock: top; background: $panel; padding: 0 1; text-wrap: nowrap; text-overflow: ellipsis; }
-    """
-
     def show(self, place: str, title: str, marked: int, command: str, measuring: str = "") -> None:
         """Show place, title, marks, the measurement that is running, and command."""
         parts: list[tuple[str, str]] = [("fraexp ", "bold $primary")]
@@ -89,12 +85,6 @@ def _place_parts(name: str, key: str, current: bool) -> list[tuple[str, str]]:
 
 class Notice(Static):
     """A text in place of the content: loading, empty, or an error with its remedy."""
-
-    DEFAULT_CSS = """
-    Notice { width: 1fr; height: auto; padding: 1 2; display: none; }
-    Notice.-shown { display: block; }
-    Notice.-error { color: $text-error; }
-    """
 
     _shown = ("", False)
 

@@ -10,7 +10,7 @@ from fraexp.data.results import Curve, Outcome, Result
 from fraexp.figures.elements.view import View
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.plotting import compared_sweeps
-from fraexp.tui.widgets.figure_export import compare_command, file_fault, plot_command
+from fraexp.tui.widgets.figure_export import FigureExport, compare_command, file_fault
 from fraexp.views.words import short_key
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.tui.pilots import pilot_of, screen_text, shows
@@ -97,7 +97,7 @@ def test_a_file_in_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None
 
 def test_commands_do_not_show_a_password(tmp_path: Path) -> None:
     workspace = WorkspaceService.open(tmp_path, "postgresql+psycopg://lab:secret@host/results")
-    drawn = plot_command(workspace, ["v1:0-1"], "bode", "a.png", View())
+    drawn = FigureExport(1, ["v1:0-1"], "bode", View(), None).command(workspace, "a.png")
     for command in (compare_command(workspace, ["v1:0-1"]), drawn):
         assert "secret" not in command
         assert "lab@host/results" in command

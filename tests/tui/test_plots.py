@@ -14,12 +14,12 @@ from textual.app import App, ComposeResult
 from textual.events import MouseScrollUp
 from textual.pilot import Pilot
 
-from fraexp.data.results import FrequencyResponse
+from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.figures.elements.grouping import ShownResult
 from fraexp.tui.plotting.braille import BLANK_CODE, DOTS_ACROSS, DOTS_DOWN, line_dots
 from fraexp.tui.plotting.curve_styles import CurveStyles
 from fraexp.tui.plotting.panel_drawing import ISOLATED_SIGN, RESONANCE_SIGN, UNSETTLED_SIGN, prominences, settled_line
-from fraexp.tui.plotting.plot_stack import BodeView
+from fraexp.tui.plotting.plot_stack import PlotStack
 from fraexp.tui.plotting.plot_widget import LEFT_CELLS, TOP_CELLS, Plot
 from fraexp.tui.plotting.plotted_curves import PlotTrace, bode_picture
 from fraexp.tui.widgets.readout import readout, shorten_name
@@ -33,24 +33,25 @@ Labelled = list[tuple[str, FrequencyResponse]]
 
 
 class OneView(App[None]):
-    """A Bode view and nothing else."""
+    """A Bode plot and nothing else."""
 
     def __init__(self, responses: Labelled) -> None:
         super().__init__()
         self.responses = responses
 
     def compose(self) -> ComposeResult:
-        yield BodeView()
+        yield PlotStack()
 
     def on_mount(self) -> None:
-        self.query_one(BodeView).show(self.responses)
+        results = [ShownResult(label, Result(Outcome.OK, response=response)) for label, response in self.responses]
+        self.query_one(PlotStack).display_picture(bode_picture(results, None))
 
 
-def shown(responses: Labelled, steps: Callable[[BodeView, Pilot[None]], Awaitable[None]], size=(100, 30)) -> None:
+def shown(responses: Labelled, steps: Callable[[PlotStack, Pilot[None]], Awaitable[None]], size=(100, 30)) -> None:
     async def drive() -> None:
         app = OneView(responses)
         async with app.run_test(size=size) as pilot:
-            view = app.query_one(BodeView)
+            view = app.query_one(PlotStack)
             await until(pilot, lambda: view.picture is not None)
             await settle(pilot)
             await steps(view, pilot)
@@ -58,7 +59,7 @@ def shown(responses: Labelled, steps: Callable[[BodeView, Pilot[None]], Awaitabl
     asyncio.run(drive())
 
 
-def plots_of(view: BodeView) -> list[Plot]:
+def plots_of(view: PlotStack) -> list[Plot]:
     return [plot for plot in view.query(Plot) if plot.display]
 
 
@@ -140,7 +141,7 @@ def test_of_many_points_the_extremes_survive() -> None:
 
 @pytest.mark.parametrize("size", [(80, 20), (200, 46)])
 def test_the_resonance_is_drawn_where_the_data_have_it(size: tuple[int, int]) -> None:
-    async def steps(view: BodeView, pilot: Pilot[None]) -> None:
+    async def steps(view: PlotStack, pilot: Pilot[None]) -> None:
         magnitude, phase = plots_of(view)
         highest = next(found for found in curve_dots(magnitude) if found)
         low, high = np.log10([GRID[0], GRID[-1]])
@@ -164,7 +165,7 @@ def test_the_resonance_is_drawn_where_the_data_have_it(size: tuple[int, int]) ->
 def test_points_that_had_not_settled_are_hollow_and_not_joined() -> None:
     few = np.geomspace(1.0, 400.0, 30)
 
-    async def steps(view: BodeView, pilot: Pilot[None]) -> None:
+    async def steps(view: PlotStack, pilot: Pilot[None]) -> None:
         view.view_range.bands = False
         view.view_range.cursor = None
         view.draw()
@@ -183,7 +184,7 @@ def test_points_that_had_not_settled_are_hollow_and_not_joined() -> None:
 
 
 def test_limits_are_shaded_around_a_line_until_they_are_taken_away() -> None:
-    async def steps(view: BodeView, pilot: Pilot[None]) -> None:
+    async def steps(view: PlotStack, pilot: Pilot[None]) -> None:
         def grounds() -> set[str]:
             styles = [of.style for plot in plots_of(view) for row in range(plot.cells[1])
                       for of in plot.render_line(TOP_CELLS + row)]  # fmt: skip
@@ -203,7 +204,7 @@ def test_limits_are_shaded_around_a_line_until_they_are_taken_away() -> None:
 def test_curves_that_coincide_are_both_visible() -> None:
     pair = [("first", resonant(GRID)), ("second", resonant(GRID))]
 
-    async def steps(view: BodeView, pilot: Pilot[None]) -> None:
+    async def steps(view: PlotStack, pilot: Pilot[None]) -> None:
         plot = plots_of(view)[0]
         colours = [colour for row in range(plot.cells[1]) for text, colour in coloured(plot, row) if is_dots(text)]
         for of in (0, 1):
@@ -213,7 +214,7 @@ def test_curves_that_coincide_are_both_visible() -> None:
 
 
 def test_without_colours_curves_carry_their_digits(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def steps(view: BodeView, pilot: Pilot[None]) -> None:
+    async def steps(view: PlotStack, pilot: Pilot[None]) -> None:
         for plot in plots_of(view):
             text = "".join(drawn_rows(plot))
             assert "1" in text
@@ -225,7 +226,7 @@ def test_without_colours_curves_carry_their_digits(monkeypatch: pytest.MonkeyPat
 
 
 def test_zoom_keeps_both_panels_together_and_home_shows_all() -> None:
-    async def steps(view: BodeView, pilot: Pilot[None]) -> None:
+    async def steps(view: PlotStack, pilot: Pilot[None]) -> None:
         home = [view.window(0), view.window(1)]
         view.zoom(x=2)
         view.pan(x=0.3)
@@ -246,7 +247,7 @@ def test_zoom_keeps_both_panels_together_and_home_shows_all() -> None:
 def test_the_cursor_steps_over_points_and_tells_all_curves() -> None:
     pair = [("first [bold]", resonant(GRID)), ("second", gap(resonant(GRID[::10]), 0, 1000))]
 
-    async def steps(view: BodeView, pilot: Pilot[None]) -> None:
+    async def steps(view: PlotStack, pilot: Pilot[None]) -> None:
         assert view.picture is not None
         view.place(RESONANCE)
         assert view.view_range.cursor == pytest.approx(RESONANCE, rel=1e-3)

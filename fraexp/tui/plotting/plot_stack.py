@@ -1,7 +1,6 @@
-"""A stack of plots with shared axes, zoom, pan and cursor; the Bode view of responses is one."""
+"""A stack of plots with shared axes, zoom, pan and cursor."""
 
-import asyncio
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from rich.text import Text
@@ -11,23 +10,19 @@ from textual.containers import Vertical
 from textual.events import Resize
 from textual.message import Message
 
-from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.data.terminal_text import printable
 from fraexp.figures.elements.bands import finite_span, ordinate_limits
-from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.elements.view import FREQUENCY_KINDS, View
 from fraexp.tui.plotting.braille import DOTS_ACROSS, DOTS_DOWN, Window
 from fraexp.tui.plotting.curve_styles import CurveStyles, curve_digit
 from fraexp.tui.plotting.panel_drawing import ViewRange, nearest_point, settled_line
 from fraexp.tui.plotting.plot_widget import LEFT_CELLS, RIGHT_CELLS, TOP_CELLS, Plot
-from fraexp.tui.plotting.plotted_curves import Picture, PlotPanel, PlotTrace, Reference, bode_picture
+from fraexp.tui.plotting.plotted_curves import Picture, PlotPanel, PlotTrace
 
 MAX_PANELS = 4
 """Maximum number of panels at once."""
 MIN_PANEL_ROWS = 5
 """Minimum height of a panel, with its frame."""
-LEGEND_GAP = "   "
-"""What separates two names of curves."""
 AXIS_MARGIN = 0.02
 """Fraction of its span by which an axis extends beyond the curves."""
 Span = tuple[float, float]
@@ -89,20 +84,12 @@ class PlotStack(Vertical):
         """The styles that distinguish curves on this terminal."""
         return CurveStyles.of_app(self.app)
 
-    def legend(self, labels: Sequence[str], width: int | None = None) -> Text:
-        """Return the names of curves by their places, each after a sample of its line, in one line.
-
-        With a width [cells], in as many lines as that takes.
-        """
-        styles, text, used = self.curve_styles, Text(no_wrap=True, overflow="ellipsis"), 0
-        for place, label in enumerate(labels):
+    def legend(self, labels: Mapping[int, str]) -> Text:
+        """Return a line for each curve: a sample of its line, its digit where colours say nothing, and its name."""
+        styles, text = self.curve_styles, Text(no_wrap=True, overflow="ellipsis")
+        for place, label in labels.items():
             digit = f"{curve_digit(place)} " if styles.digits else ""
-            cells = len(LEGEND_GAP) + 3 + len(digit) + len(label)
-            breaks = width is not None and place > 0 and used + cells > width
-            used = cells if breaks else used + cells
-            text.append("\n" if breaks else LEGEND_GAP if place else "").append(
-                f"━━ {digit}", styles.style(place)
-            ).append(printable(label))
+            text.append("\n" if text else "").append(f"━━ {digit}", styles.style(place)).append(printable(label))
         return text
 
     def panels(self) -> list[tuple[int, PlotPanel]]:
@@ -286,20 +273,6 @@ class PlotStack(Vertical):
         trace = next((of for of in panel.traces if of.curve == self.view_range.focus), None)
         nearest = nearest_point(trace, cursor) if trace else None
         return (None, None) if trace is None or nearest is None else (float(trace.x[nearest]), float(trace.y[nearest]))
-
-
-class BodeView(PlotStack):
-    """Magnitude and phase of responses over frequency."""
-
-    def show(self, responses: Sequence[tuple[str, FrequencyResponse]], reference: Reference | None = None) -> None:
-        """Show labelled responses, which must share a unit, and a reference."""
-        self.run_worker(self._show(list(responses), reference), exclusive=True, exit_on_error=True)
-
-    async def _show(self, responses: list[tuple[str, FrequencyResponse]], reference: Reference | None) -> None:
-        shown = [ShownResult(label, Result(Outcome.OK, response=response)) for label, response in responses]
-        having = [of for of in shown if of.response is not None]
-        picture = await asyncio.to_thread(bode_picture, having, reference) if having else None
-        self.display_picture(picture)
 
 
 def _full_x_span(traces: Sequence[PlotTrace]) -> Span:

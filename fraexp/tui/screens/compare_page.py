@@ -1,7 +1,7 @@
 """Compare: the marked sweeps in linked plots with a cursor, and a table of their differences."""
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -30,7 +30,7 @@ from fraexp.tui.plotting.compared_sweeps import (
 from fraexp.tui.plotting.curve_styles import curve_digit
 from fraexp.tui.plotting.plot_stack import PlotStack
 from fraexp.tui.plotting.plotted_curves import CURVE_KINDS, REFERENCE, Picture
-from fraexp.tui.widgets.figure_export import CurveNames, FigureExport, compare_command, plot_command
+from fraexp.tui.widgets.figure_export import CurveNames, FigureExport, compare_command
 from fraexp.tui.widgets.readout import readout, shorten_name
 from fraexp.views.words import plural, short_key
 
@@ -274,21 +274,6 @@ An exported figure shows the visible curves and frequencies.
     AUTO_FOCUS: ClassVar[str | None] = ""
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (160, "-wide")]  # noqa: RUF012 - as Textual declares it
     VERTICAL_BREAKPOINTS = [(0, "-flat"), (MIN_HIGH_ROWS, "-low"), (32, "-high")]  # noqa: RUF012
-    DEFAULT_CSS: ClassVar[str] = (
-        """
-    ComparePage #both { height: 1fr; }
-    ComparePage #left { width: 1fr; }
-    ComparePage #readout { height: 1; padding: 0 1; text-wrap: nowrap; }
-    ComparePage #notes { height: auto; max-height: 2; padding: 0 1; color: $text-muted; }
-    ComparePage #differs { width: """
-        + f"{TABLE_FRACTION:.0%}"
-        + """; display: none; border-left: solid $panel; }
-    ComparePage.-flat #notes { max-height: 1; }
-    ComparePage.-narrow.-table #left { display: none; }
-    ComparePage.-narrow.-table #differs { display: block; width: 1fr; border-left: none; }
-    ComparePage.-wide.-beside #differs { display: block; }
-    """
-    )
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("b", "view('bode')", "Bode", tooltip="magnitude and phase over frequency"),
         Binding("d", "view('difference')", "diff", tooltip="difference from the reference"),
@@ -480,7 +465,7 @@ An exported figure shows the visible curves and frequencies.
         self.command = (
             compare_command(workspace, named)
             if self.has_class("-table") and len(keys) > 1
-            else plot_command(workspace, named, picture.kind, self._file(), self.stack.view(), self._by)
+            else self._export(len(keys), named, picture).command(workspace, self._file())
         )
         notes = [f"against {self._reference()}"] if self.view == "difference" else []
         notes += [*self.hints(self.labels()), *found.notes(self.view, self.group), picture.note]
@@ -502,6 +487,9 @@ An exported figure shows the visible curves and frequencies.
         if self.view == "difference" and self.first != REFERENCE:
             seen = [self.first, *(place for place in seen if place != self.first)]
         return seen
+
+    def _export(self, count: int, named: Sequence[str], picture: Picture) -> FigureExport:
+        return FigureExport(count, named, picture.kind, self.stack.view(), self._by)
 
     def _file(self) -> str:
         return f"{self.stack.picture.kind if self.stack.picture else 'figure'}.png"
@@ -604,7 +592,7 @@ An exported figure shows the visible curves and frequencies.
         if self.compared is None or self.stack.picture is None:
             return
         keys, named = self._names.of(self._visible_places())
-        export = FigureExport(len(keys), named, self.stack.picture.kind, self.stack.view(), self._by)
+        export = self._export(len(keys), named, self.stack.picture)
         file = await export.ask(self.app, self._file())
         if file is not None:
             self.run_worker(export.draw(self.app, file), group="export")

@@ -21,13 +21,6 @@ MAX_LISTED_KEYS = 4
 class HelpPage(ModalScreen[None]):
     """Help for the screen below it."""
 
-    DEFAULT_CSS = """
-    HelpPage { align: center middle; }
-    HelpPage > TextSection {
-        width: 76; max-width: 96%; height: auto; max-height: 90%; padding: 1 2;
-        background: $surface; border: round $primary;
-    }
-    """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,question_mark,f1,q,enter", "dismiss", "close"),
     ]

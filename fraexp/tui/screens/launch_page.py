@@ -42,14 +42,6 @@ A grid axis is a list: the run covers all combinations of the values of all axes
 Another component name shows the parameters of that component. --executor and --rerun are options of fraexp run.
 F6 measures the study with these values on its machine, if it names one: first the plan, then a question.
 The run is a separate process: it continues if you quit or the connection is lost."""
-    DEFAULT_CSS = """
-    LaunchPage #start { height: auto; padding: 0 1; }
-    LaunchPage #start Button { min-width: 12; margin: 0 2 0 0; }
-    LaunchPage #plan { width: 1fr; height: auto; max-height: 6; }
-    LaunchPage #plan.-error { color: $text-error; }
-    LaunchPage FieldList { margin: 1 0 0 0; }
-    LaunchPage #hint { height: 3; padding: 0 1; background: $panel; }
-    """
     CHECK_DELAY_S = 0.3
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f5", "launch", "launch", tooltip="launch, from any line"),

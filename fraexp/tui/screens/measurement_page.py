@@ -2,8 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -21,7 +20,6 @@ from fraexp.figures.elements.grouping import ShownResult
 from fraexp.tui.dialogs import ConfirmDialog
 from fraexp.tui.page import ACTION_GROUP, Page
 from fraexp.tui.plotting.panels import prefixed_text
-from fraexp.tui.plotting.plot_stack import PlotStack
 from fraexp.tui.plotting.plotted_curves import bode_picture
 from fraexp.tui.services.live_measurement import (
     LabelledResponse,
@@ -31,6 +29,7 @@ from fraexp.tui.services.live_measurement import (
     ProgressReport,
 )
 from fraexp.tui.services.themes import state_sign
+from fraexp.tui.widgets.preview_plot import CurvePanel
 from fraexp.views.measurement_texts import band_text
 from fraexp.views.run_progress import EMPTY, FULL, bar_text
 from fraexp.views.words import duration_text, elapsed_text, plural
@@ -43,11 +42,6 @@ OTHER_CELLS, OTHER_STAGE_CELLS = 62, 84
 
 class MeasurementState(Static):
     """A line on the progress, one on the point that is played, and one on the last point that was measured."""
-
-    DEFAULT_CSS = """
-    MeasurementState { height: 3; padding: 0 1; text-wrap: nowrap; text-overflow: ellipsis; }
-    MeasurementState.-ended { height: auto; min-height: 3; max-height: 8; text-wrap: wrap; text-overflow: fold; }
-    """
 
     def __init__(self) -> None:
         super().__init__("starting ...")
@@ -104,69 +98,50 @@ def progress_text(progress: ProgressReport, target: float | None) -> str:
 
 MIN_PANEL_ROWS = 9
 """Least height of a panel: with less the phase is left out, and the magnitude gets its room."""
-LEGEND_PADDING = 4
-"""Cells beside the names of the curves."""
 AXIS_MARGIN = 0.02
 """Part of its length by which the frequency axis extends beyond the plan."""
 
 
-class MeasuredBode(Vertical):
+class MeasuredBode(CurvePanel):
     """Magnitude and phase of what the estimators have found so far; a vertical line is at the point that is played."""
 
-    DEFAULT_CSS = """
-    MeasuredBode { height: 1fr; }
-    MeasuredBode > #empty { height: 1fr; padding: 0 1; color: $text-muted; }
-    MeasuredBode.-drawn > #empty { display: none; }
-    MeasuredBode > PlotStack { display: none; }
-    MeasuredBode.-drawn > PlotStack { display: block; }
-    MeasuredBode > #names { height: auto; max-height: 3; padding: 0 1; display: none; }
-    MeasuredBode.-drawn > #names { display: block; }
-    """
-
     def __init__(self) -> None:
-        super().__init__(classes="panel")
-        self.border_title = "Response"
+        super().__init__("Response")
         self._marked: float | None = None
 
     def compose(self) -> ComposeResult:
-        """Put the names of the curves below the plots."""
+        """Put a text in place of plots that are not there yet."""
         yield Static("The response appears here, point by point.", id="empty")
-        stack = PlotStack()
-        stack.min_panel_rows = MIN_PANEL_ROWS
-        yield stack
-        yield Static(id="names")
+        yield from super().compose()
 
-    def show(self, responses: Sequence[LabelledResponse], frequency_range: tuple[float, float]) -> None:
+    def on_mount(self) -> None:
+        """Give the panels their room."""
+        self.stack.min_panel_rows = MIN_PANEL_ROWS
+
+    @work(group="picture", exclusive=True)
+    async def show(self, responses: Sequence[LabelledResponse], frequency_range: tuple[float, float]) -> None:
         """Show responses; of several units those of the first one."""
-        drawing: Callable[[], object] = partial(self._show, list(responses), frequency_range)
-        self.run_worker(drawing, group="picture", exclusive=True)
-
-    async def _show(self, responses: list[LabelledResponse], frequency_range: tuple[float, float]) -> None:
         unit = responses[0][1].unit if responses else ""
         alike = [(label, response) for label, response in responses if response.unit == unit]
         shown = [ShownResult(label, Result(Outcome.OK, response=response)) for label, response in alike]
         picture = await asyncio.to_thread(bode_picture, shown, None) if shown else None
         if not self.is_attached:
             return
-        stack = self.query_one(PlotStack)
         low, high = np.log10(frequency_range)
         room = AXIS_MARGIN * max(high - low, 1.0)
-        stack.whole_x = float(low - room), float(high + room)
+        self.stack.whole_x = float(low - room), float(high + room)
         self.set_class(picture is not None, "-drawn")
-        stack.display_picture(picture, cursor=False)
+        self.show_picture(picture, {place: label for place, (label, _) in enumerate(alike)})
         self.mark(self._marked)
-        self.query_one("#names", Static).update(
-            stack.legend([label for label, _ in alike], self.size.width - LEGEND_PADDING)
-        )
         others = len(responses) - len(alike)
         self.border_subtitle = printable(f"{others} in another unit: after the measurement") if others else ""
 
     def mark(self, frequency: float | None) -> None:
         """Put the vertical line at a frequency [Hz]."""
-        self._marked, stack = frequency, self.query_one(PlotStack)
-        if stack.view_range.cursor != frequency:
-            stack.view_range.cursor = frequency
-            stack.draw()
+        self._marked = frequency
+        if self.stack.view_range.cursor != frequency:
+            self.stack.view_range.cursor = frequency
+            self.stack.draw()
 
 
 PREDICTED_SIGN, MARGIN_SIGN = "┃", "│"
@@ -182,8 +157,6 @@ class LimitGauges(Static):
 
     No bar depends on its colour: the part of the limit stands beside it, with a sign where the margin is used.
     """
-
-    DEFAULT_CSS = "LimitGauges { height: auto; padding: 0 1; text-wrap: nowrap; text-overflow: ellipsis; }"
 
     def __init__(self, title: str) -> None:
         super().__init__(classes="panel")
@@ -270,19 +243,6 @@ The bars show how much of each limit this point has used: ┃ is what was predic
 The measurement goes on if you leave this screen, and m in Studies leads back to it. If you quit, or the connection is
 lost, the machine is stopped: nobody would see what it does. The next measurement of the study goes on where it was.
 At the end the record is analysed by an ordinary run, which is shown."""
-    DEFAULT_CSS = """
-    MeasurementPage #split { layout: vertical; height: 1fr; }
-    MeasurementPage.-wide #split { layout: horizontal; }
-    MeasurementPage MeasuredBode { width: 1fr; }
-    MeasurementPage #side { height: auto; }
-    MeasurementPage.-wide #side { width: 46; height: 1fr; }
-    MeasurementPage RichLog {
-        height: 2; background: $background; padding: 0 1; scrollbar-size-horizontal: 0;
-        border-top: solid $border-blurred;
-    }
-    MeasurementPage.-high RichLog { height: 8; }
-    MeasurementPage.-wide RichLog { height: 1fr; }
-    """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("x", "stop", "stop", tooltip="stop the machine softly; again: kill the process"),
         Binding("R", "again", "continue", tooltip="continue a measurement that was stopped"),

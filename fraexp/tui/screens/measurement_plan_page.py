@@ -34,14 +34,6 @@ Nothing has been played yet. Enter on Measure, or F5 from anywhere, asks once mo
 Of an unknown axis, whose study has no excitation, it shows the limits and the stages of an autonomous measurement.
 What an earlier, interrupted measurement has stored is kept and continued; F discards it.
 To change amplitudes, frequencies or limits, open the study with Enter in Studies, and press F6 there."""
-    DEFAULT_CSS = """
-    MeasurementPlanPage #start { height: auto; padding: 0 1; }
-    MeasurementPlanPage #start Button { min-width: 12; margin: 0 2 0 0; }
-    MeasurementPlanPage #plan { width: 1fr; height: auto; max-height: 4; }
-    MeasurementPlanPage PointsTable { height: 1fr; }
-    MeasurementPlanPage.-none LimitGauges, MeasurementPlanPage.-none PointsTable { display: none; }
-    MeasurementPlanPage.-none #start Button { display: none; }
-    """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f5", "measure(False)", "measure", tooltip="measure, after a question"),
         Binding("F", "measure(True)", "afresh", tooltip="discard what was recorded, and measure anew"),

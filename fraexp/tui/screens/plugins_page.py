@@ -92,13 +92,6 @@ Files are reloaded when they change. Broken plugins come first, with the reason.
 "stale" counts stored sweeps that were computed with a different source of the component.
 Enter on a friction model opens a trial: force loop and describing function, updated as you edit its parameters.
 """
-    DEFAULT_CSS = """
-    PluginsPage #split { layout: vertical; height: 1fr; }
-    PluginsPage #detail { height: 45%; padding: 0 1; }
-    PluginsPage.-wide #split { layout: horizontal; }
-    PluginsPage.-wide ListTable { width: 50%; }
-    PluginsPage.-wide #detail { height: 1fr; width: 50%; border-left: solid $panel-lighten-2; }
-    """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("d", "scroll(1)", "", show=False, tooltip="scroll the description down"),
         Binding("u", "scroll(-1)", "", show=False, tooltip="scroll the description up"),
@@ -191,7 +184,6 @@ class ComponentPage(Page):
 
     PLACE: ClassVar[str] = "plugins"
     HELP: ClassVar[str] = "The description of a component by its author, and its parameters."
-    DEFAULT_CSS = "ComponentPage TextSection { padding: 0 1; }"
 
     def __init__(self, offer: Offer, sources: SourceCounts) -> None:
         super().__init__()

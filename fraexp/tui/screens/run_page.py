@@ -49,7 +49,6 @@ PADDING = 2
 class RunState(Static):
     """The state of a run; while it runs, `show` is called again and again."""
 
-    DEFAULT_CSS = "RunState { height: auto; padding: 0 1; }"
     app: "FraexpApp"
 
     def __init__(self, text: str) -> None:
@@ -135,11 +134,6 @@ TAIL_BYTES = 65_536
 class LogTail(Log):
     """The last lines of a file that another process writes, free of terminal control sequences."""
 
-    DEFAULT_CSS = """
-    LogTail { height: 1fr; border-top: solid $border-blurred; border-title-color: $text-muted; padding: 0 1; }
-    LogTail { background: $background; scrollbar-size-horizontal: 0; }
-    """
-
     def __init__(self) -> None:
         super().__init__(max_lines=MAX_LINES)
         self._file: Path | None = None
@@ -196,19 +190,6 @@ x stops it, and finished sweeps are kept. x again kills its processes at once, a
 R runs the study again: stored sweeps are reused, missing ones are computed.
 v shows its curves as they come; f follows the sweep that is being computed, until you move the cursor.
 Enter opens a sweep, Space marks it; c compares the marked sweeps, or all of the run if none is marked."""
-    DEFAULT_CSS = """
-    RunPage #main { height: 2fr; }
-    RunPage #sweeps { width: 1fr; }
-    RunPage LogTail { height: 1fr; min-height: 2; max-height: 8; }
-    RunPage.-low LogTail { max-height: 4; }
-    RunPage.-low RunState { max-height: 50vh; }
-    RunPage LogTail.-empty { height: 1; min-height: 1; }
-    RunPage #sweeps.-none { display: none; }
-    RunPage.-wide PreviewPlot { display: block; width: 1fr; }
-    RunPage.-narrow.-curves PreviewPlot { display: block; width: 1fr; }
-    RunPage.-narrow.-curves #sweeps { display: none; }
-    RunPage.-wide.-curves PreviewPlot { display: none; }
-    """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("x", "stop", "stop", tooltip="stop the run; again: kill it"),
         Binding("R", "again", "run again", tooltip="run the study again; stored sweeps are reused"),

@@ -65,7 +65,6 @@ Enter opens a run: its sweeps, its log, and the keys that stop it or start it ag
     ]
     AUTO_FOCUS = "ListTable"
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual declares it
-    DEFAULT_CSS = "RunsPage ListTable { width: 3fr; }"
     live = True  # a run may die without changing the database
 
     def body(self) -> ComposeResult:

@@ -62,18 +62,6 @@ Studies: those of this workspace, then the examples of fraexp.
   ...       the state is being determined
 Enter opens a study, to change its values and to launch it. m measures it on its machine: first the plan, then a
 question; while a machine is measured, m shows it."""
-    DEFAULT_CSS = """
-    StudiesPage #split { layout: vertical; height: 1fr; }
-    StudiesPage.-wide #split { layout: horizontal; }
-    StudiesPage ListTable { height: 1fr; }
-    StudiesPage #side { height: 9; }
-    StudiesPage #about { height: 1fr; padding: 0 1; }
-    StudiesPage.-high #side { height: 14; }
-    StudiesPage.-low.-first #side { display: none; }
-    StudiesPage.-wide.-high PreviewPlot.-drawn { display: block; }
-    StudiesPage.-wide ListTable { width: 2fr; }
-    StudiesPage.-wide #side { width: 1fr; height: 1fr; }
-    """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("m", "measure", "measure", tooltip="measure the study on its machine"),
         Binding("e", "file", "file", tooltip="show the study's file"),
@@ -241,7 +229,6 @@ class FilePage(Page):
 
     PLACE: ClassVar[str] = "studies"
     HELP: ClassVar[str] = "The study file. Edit it with an editor; the list follows."
-    DEFAULT_CSS = "FilePage TextSection { padding: 0 1; }"
 
     def __init__(self, file: Path) -> None:
         super().__init__()

@@ -21,6 +21,7 @@ from fraexp.data.terminal_text import printable
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
 from fraexp.tui.services.themes import state_sign
 from fraexp.tui.widgets.paged_table import PointsTable
+from fraexp.tui.widgets.preview_plot import PreviewPlot
 from fraexp.tui.widgets.tagging import TaggingPage
 from fraexp.tui.widgets.text_section import READING_TEXT, TextSection
 from fraexp.views.fields import remedy_text, sweep_labels
@@ -77,16 +78,6 @@ plugins that computed the sweep have changed since.
         Binding("right_square_bracket", "turn(1)", "section", tooltip="next section"),
         Binding("left_square_bracket", "turn(-1)", "back", show=False, tooltip="previous section"),
     ]
-    DEFAULT_CSS = """
-    SweepPage #top { height: auto; max-height: 10; }
-    SweepPage #summary { width: 1fr; height: auto; padding: 0 1; }
-    SweepPage #bode { display: none; width: 1fr; height: 16; }
-    SweepPage.-wide.-high #top { max-height: 16; }
-    SweepPage.-wide.-high #bode.-drawn { display: block; }
-    SweepPage TabbedContent { height: 1fr; }
-    SweepPage TabPane { padding: 0 1; }
-    SweepPage TextSection { height: 1fr; }
-    """
 
     def __init__(self, key: str) -> None:
         super().__init__()
@@ -96,11 +87,9 @@ plugins that computed the sweep have changed since.
 
     def body(self) -> ComposeResult:
         """Show a summary, a small plot if there is room, and the sections."""
-        from fraexp.tui.plotting.plot_stack import BodeView
-
         with Horizontal(id="top"):
             yield Static(READING_TEXT, id="summary")
-            yield BodeView(id="bode")
+            yield PreviewPlot("Curves")
         with TabbedContent():
             for index, (name, title) in enumerate(SECTIONS.items(), 1):
                 with SectionPane(f"{index} {title}", id=name):
@@ -129,6 +118,7 @@ plugins that computed the sweep have changed since.
         self._show_content(True)
         self._found = found
         self._show(found)
+        self.query_one(PreviewPlot).preview([self.key])
         await self._show_loop(found)
         await self._show_points(found)
         await self._show_parameters(found)
@@ -176,18 +166,15 @@ plugins that computed the sweep have changed since.
         )
 
     async def _show_points(self, found: SweepDetails) -> None:
-        from fraexp.tui.plotting.plot_stack import BodeView
         from fraexp.views.text_tables import response_table
 
         response = found.result.response if found.result else None
         parities = found.result.parity_levels if found.result else {}
-        table, bode = self.query_one(PointsTable), self.query_one(BodeView)
+        table = self.query_one(PointsTable)
         self.query_one(TabbedContent).get_tab("points").disabled = response is None
-        bode.set_class(response is not None, "-drawn")
         if response is None:
             table.show_points([], [])
             return
-        bode.show([(short_key(self.key), response)])
         columns, rows, _ = await self.wait_for(
             self.app.backend.work(lambda _: response_table(response, None, parities))
         )

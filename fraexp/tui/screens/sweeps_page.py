@@ -82,12 +82,6 @@ is searched in all fields. Tab completes names.
     ]
     AUTO_FOCUS: ClassVar[str | None] = "SweepTable"
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual declares it
-    DEFAULT_CSS = """
-    SweepsPage FilterLine { height: 1; padding: 0 1; }
-    SweepsPage SweepTable { width: 3fr; }
-    SweepsPage .wrong { height: auto; padding: 0 1; color: $text-error; display: none; }
-    SweepsPage .wrong.-shown { display: block; }
-    """
 
     def body(self) -> ComposeResult:
         """Show the filter above the matching sweeps."""

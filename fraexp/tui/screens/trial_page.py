@@ -91,16 +91,6 @@ in magnitude and phase. 90 degrees is pure loss, 0 degrees a pure spring. The ba
 Values may have a unit: 45 um. Tab moves to the next value, up and down change it by 5 %.
 The law is evaluated in plain Python; the command at the top computes the same loop compiled, and stores it.
 """
-    DEFAULT_CSS = """
-    TrialPage #form { width: 34; }
-    TrialPage.-wide #form { width: 56; }
-    TrialPage #hint { height: auto; max-height: 5; padding: 0 1; border-top: solid $panel-lighten-2; }
-    TrialPage #wrong { height: auto; max-height: 9; padding: 0 1; color: $text-error; text-style: bold; }
-    TrialPage #numbers { height: auto; padding: 0 1; }
-    TrialPage.-low #phase { display: none; }
-    TrialPage.-low.-turned #phase { display: block; }
-    TrialPage.-low.-turned #loop { display: none; }
-    """
     CHECK_DELAY_S = 0.1
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", f"step({STEP_FRACTION})", "more", tooltip="increase by 5 %, or next choice", priority=True),

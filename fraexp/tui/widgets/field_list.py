@@ -44,7 +44,6 @@ class FormDraft:
 class FieldLines(Widget):
     """The lines of a form, drawn as text."""
 
-    DEFAULT_CSS = "FieldLines { height: auto; width: 1fr; }"
     COMPONENT_CLASSES = {"lines--title", "lines--dim", "lines--wrong"}  # noqa: RUF012 (as Textual declares it)
 
     def __init__(self, written: FormDraft) -> None:
@@ -112,14 +111,6 @@ class FieldInput(Input):
 
 class FieldList(VerticalScroll, can_focus=False, inherit_bindings=False):
     """The lines of a form, with an input over the chosen one."""
-
-    DEFAULT_CSS = """
-    FieldList { height: 1fr; }
-    FieldList .lines--title { color: $text-accent; }
-    FieldList .lines--dim { color: $text-muted; }
-    FieldList .lines--wrong { color: $text-error; }
-    FieldList > Input { position: absolute; height: 1; display: none; background: $boost; }
-    """
 
     class Chosen(Message):
         """A line was chosen for editing."""

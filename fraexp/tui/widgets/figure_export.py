@@ -45,26 +45,6 @@ def compare_command(workspace: WorkspaceService, named: Sequence[str]) -> str:
     return shlex.join(["fraexp", "compare", *named, *_location_options(workspace)])
 
 
-def plot_command(
-    workspace: WorkspaceService,
-    named: Sequence[str],
-    kind: str,
-    file: str,
-    view: View,
-    by: Sequence[str] | None = None,
-) -> str:
-    """Return the command line that draws a figure of sweeps."""
-    return shlex.join(["fraexp", *plot_arguments(named, kind, file, view, by), *_location_options(workspace)])
-
-
-def plot_arguments(
-    named: Sequence[str], kind: str, file: str, view: View, by: Sequence[str] | None = None
-) -> list[str]:
-    """Return the arguments that draw a figure of sweeps, or the visible part of it; `by` makes its groups."""
-    grouping = [] if by is None else ["--group-by", *by]
-    return ["plot", *named, "--kind", kind, *view.options(), *grouping, "-o", file]
-
-
 def _location_options(workspace: WorkspaceService) -> list[str]:
     """Return the options that name workspace and database, unless they are those of the current folder."""
     here = workspace.folder.resolve() == Path.cwd()
@@ -86,6 +66,15 @@ class FigureExport:
     by: Sequence[str] | None
     """Labels that make groups; None: all."""
 
+    def arguments(self, file: str) -> list[str]:
+        """Return the arguments of a command line that draws the figure into a file."""
+        grouping = [] if self.by is None else ["--group-by", *self.by]
+        return ["plot", *self.named, "--kind", self.kind, *self.view.options(), *grouping, "-o", file]
+
+    def command(self, workspace: WorkspaceService, file: str) -> str:
+        """Return the command line that draws the figure into a file."""
+        return shlex.join(["fraexp", *self.arguments(file), *_location_options(workspace)])
+
     async def ask(self, app: "FraexpApp", proposed: str) -> Path | None:
         """Ask for a file to draw the figure into; None if there is nothing to draw, or the user decides against it."""
         if not self.count:
@@ -106,8 +95,20 @@ class FigureExport:
     async def draw(self, app: "FraexpApp", file: Path) -> None:
         """Draw the figure into a file, and tell how that ended."""
         app.notify(f"drawing {file} …", timeout=3)
-        ended, text = await draw_figure(app.backend.workspace, self.named, self.kind, file, self.view, self.by)
+        ended, text = await self.draw_into(app.backend.workspace, file)
         app.notify(text, title="exported" if ended else "not exported", severity="information" if ended else "error")
+
+    async def draw_into(self, workspace: WorkspaceService, file: Path) -> tuple[bool, str]:
+        """Draw the figure into a file; return whether that succeeded, and the path or the error."""
+        arguments = [*self.arguments(str(file)), *workspace.location_options()]
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "fraexp", *arguments,
+            stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+            env=os.environ | workspace.location_environment(),
+        )  # fmt: skip
+        out, err = await process.communicate()
+        said = (err if process.returncode else out).decode(errors="replace").strip().splitlines()
+        return process.returncode == 0, said[-1] if said else str(file)
 
 
 def file_fault(text: str) -> str:
@@ -124,26 +125,3 @@ def file_fault(text: str) -> str:
     except (FraexpError, OSError, ValueError) as error:  # too long, or with a null character
         return str(error)
     return ""
-
-
-async def draw_figure(
-    workspace: WorkspaceService,
-    named: Sequence[str],
-    kind: str,
-    file: Path,
-    view: View,
-    by: Sequence[str] | None = None,
-) -> tuple[bool, str]:
-    """Draw the visible part of sweeps into a file; return whether it succeeded, and the path or the error.
-
-    `named` are the arguments of the command line that name the sweeps.
-    """
-    arguments = [*plot_arguments(named, kind, str(file), view, by), *workspace.location_options()]
-    process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "fraexp", *arguments,
-        stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
-        env=os.environ | workspace.location_environment(),
-    )  # fmt: skip
-    out, err = await process.communicate()
-    said = (err if process.returncode else out).decode(errors="replace").strip().splitlines()
-    return process.returncode == 0, said[-1] if said else str(file)

@@ -16,10 +16,6 @@ from fraexp.tui.widgets.paged_table import Item, ListTable, PagedTable
 class FilterLine(Input):
     """Hidden until it is opened, unless it `stays`; Enter keeps the filter and moves to the table, Esc clears it."""
 
-    DEFAULT_CSS = """
-    FilterLine { display: none; }
-    FilterLine.-shown { display: block; }
-    """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "clear_away", "clear", show=False, tooltip="clear the filter"),
         Binding("enter,down", "leave", "go on", show=False, tooltip="move to the table"),

@@ -361,7 +361,6 @@ class PointsTable(ListTable[tuple[int, list[str]]]):
     """The points of a response, a row for each frequency."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "nothing", show=False)]
-    DEFAULT_CSS = "PointsTable { height: 1fr; }"
 
     def __init__(self) -> None:
         super().__init__(cells_of=lambda row: row[1], key_of=lambda row: str(row[0]))

@@ -2,22 +2,22 @@
 
 import asyncio
 import time
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rich.text import Text
+from textual import work
 from textual.app import ComposeResult
 from textual.containers import Vertical
-from textual.timer import Timer
 from textual.widgets import Static
 
 from fraexp.components.registry import Registry
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
 from fraexp.store import Store
-from fraexp.tui.plotting.compared_sweeps import ComparedSweeps, compare_sweeps, read_marked_sweeps
+from fraexp.tui.plotting.compared_sweeps import compare_sweeps, read_marked_sweeps
 from fraexp.tui.plotting.plot_stack import PlotStack
+from fraexp.tui.plotting.plotted_curves import Picture
 from fraexp.views.fields import run_fields, sweep_fields
 
 if TYPE_CHECKING:
@@ -69,26 +69,39 @@ MAX_SHARE = 0.015
 """Maximum share of the time that repeated previews may take: a run needs the processors."""
 
 
-class PreviewPlot(Vertical):
-    """The curves of some sweeps; hidden while there are none."""
+class CurvePanel(Vertical):
+    """Plots above the names of their curves."""
 
-    DEFAULT_CSS = """
-    PreviewPlot { height: 1fr; display: none; }
-    PreviewPlot > PlotStack { height: 1fr; }
-    PreviewPlot > #names { height: auto; max-height: 7; padding: 0 1; }
-    """
     app: "FraexpApp"
 
-    def __init__(self, title: str = "Preview") -> None:
+    def __init__(self, title: str) -> None:
         super().__init__(classes="panel")
         self.border_title = title
-        self._keys: tuple[str, ...] = ()
-        self._budget = RefreshBudget(MAX_SHARE)
 
     def compose(self) -> ComposeResult:
         """Put the names below the plots."""
         yield PlotStack()
         yield Static(id="names")
+
+    @property
+    def stack(self) -> PlotStack:
+        """The plots."""
+        return self.query_one(PlotStack)
+
+    def show_picture(self, picture: Picture | None, labels: Mapping[int, str], note: str = "") -> None:
+        """Show a picture, the names of its curves by place, and a note below them."""
+        self.stack.display_picture(picture, cursor=False)
+        names = self.stack.legend(labels)
+        self.query_one("#names", Static).update(names.append(f"\n{note}" if names and note else note))
+
+
+class PreviewPlot(CurvePanel):
+    """The curves of some sweeps; hidden while there are none."""
+
+    def __init__(self, title: str = "Preview") -> None:
+        super().__init__(title)
+        self._keys: tuple[str, ...] = ()
+        self._budget = RefreshBudget(MAX_SHARE)
 
     @property
     def is_resting(self) -> bool:
@@ -99,52 +112,38 @@ class PreviewPlot(Vertical):
         """Show sweeps, unless they are shown or the plot is hidden."""
         if self.display and tuple(keys) != self._keys:
             self._keys = tuple(keys)
-            reading: Callable[[], object] = partial(self._preview, list(keys))
-            self.run_worker(reading, group="preview", exclusive=True)
+            self._preview(list(keys))
 
+    @work(group="preview", exclusive=True)
     async def _preview(self, keys: list[str]) -> None:
         self._budget.begin()
-        backend, stack = self.app.backend, self.query_one(PlotStack)
+        backend, labels, note = self.app.backend, dict[int, str](), "nothing to draw: no sweep has a result"
+        picture = None
         try:
             gathered = await backend.read(lambda store: read_marked_sweeps(store, keys, MAX_PREVIEWED))
             found = await backend.work(lambda workspace: compare_sweeps(workspace, gathered))
             view = found.default_view
-            group = next(iter(found.groups(view)), "")
-            picture = await asyncio.to_thread(found.picture, view, group, 0) if group else None
+            groups = found.groups(view)
+            if groups:
+                picture = await asyncio.to_thread(found.picture, view, groups[0], 0)
+                every = list(found.labels(view, groups[0]).items())
+                more = len(every[MAX_NAMES:]) + len(groups) - 1
+                labels, note = dict(every[:MAX_NAMES]), f"… {more} more in Compare" if more else ""
         except FraexpError:  # the screen reports what cannot be read
-            picture, found, view, group = None, None, "", ""
-        if not self.is_attached:
-            return
-        stack.view_range.cursor = None
-        stack.display_picture(picture, cursor=False)
-        self.query_one("#names", Static).update(self._names(found, view, group))
-        self.call_after_refresh(self._budget.end)
-
-    def _names(self, found: ComparedSweeps | None, view: str, group: str) -> Text:
-        if found is None or not group:
-            return Text("loading …" if not self._keys else "nothing to draw: no sweep has a result")
-        styles = self.query_one(PlotStack).curve_styles
-        labels = found.labels(view, group)
-        text = Text(no_wrap=True, overflow="ellipsis")
-        for number, (place, label) in enumerate(list(labels.items())[:MAX_NAMES]):
-            text.append("\n" if number else "").append("━━ ", styles.style(place)).append(printable(label))
-        more = len(labels) - MAX_NAMES + len(found.groups(view)) - 1
-        return text.append(f"\n… {more} more in Compare") if more > 0 else text
+            note = ""
+        if self.is_attached:
+            self.stack.view_range.cursor = None
+            self.show_picture(picture, labels, note)
+            self.call_after_refresh(self._budget.end)
 
 
 class SidePreview(Vertical):
     """The curves of what is selected in a list, above its details."""
 
-    DEFAULT_CSS = """
-    SidePreview { width: 2fr; display: none; }
-    SidePreview PreviewPlot { display: block; height: 2fr; }
-    SidePreview #details { height: 1fr; min-height: 6; padding: 0 1; }
-    """
     app: "FraexpApp"
 
     def __init__(self) -> None:
         super().__init__()
-        self._timer: Timer | None = None
         self._plot = PreviewPlot()
         self._details = Static(id="details", classes="panel")
         self._details.border_title = "Details"
@@ -154,18 +153,12 @@ class SidePreview(Vertical):
         yield self._plot
         yield self._details
 
-    def select(self, read: Callable[[Store], Selected]) -> None:
+    @work(group="preview", exclusive=True)
+    async def select(self, read: Callable[[Store], Selected]) -> None:
         """Show what `read` returns, once the selection rests."""
-        if self._timer:
-            self._timer.stop()
-        if self.display:
-            self._timer = self.set_timer(SELECTION_DELAY_S, lambda: self._read(read))
-
-    def _read(self, read: Callable[[Store], Selected]) -> None:
-        reading: Callable[[], object] = partial(self._show, read)
-        self.run_worker(reading, group="preview", exclusive=True)
-
-    async def _show(self, read: Callable[[Store], Selected]) -> None:
+        if not self.display:
+            return
+        await asyncio.sleep(SELECTION_DELAY_S)
         try:
             keys, fields = await self.app.backend.read(read)
         except FraexpError:  # deleted meanwhile

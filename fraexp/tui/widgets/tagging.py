@@ -61,7 +61,7 @@ class TaggingPage(ChangingPage):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("t", "tag", "tag", tooltip="tag the marked sweeps, or this one"),
-        Binding("T", "untag", "untag", show=False, tooltip="remove a tag from the marked sweeps, or this one"),
+        Binding("T", "tag(True)", "untag", show=False, tooltip="remove a tag from the marked sweeps, or this one"),
         Binding("n", "note", "note", tooltip="edit the note of this sweep"),
         Binding("D", "delete", "delete", show=False, tooltip="delete the marked sweeps, or this one"),
     ]
@@ -80,38 +80,31 @@ class TaggingPage(ChangingPage):
         return ""
 
     @work(group=ACTION_GROUP)
-    async def action_tag(self) -> None:
-        """Add a tag to sweeps."""
+    async def action_tag(self, removes: bool = False) -> None:
+        """Add a tag to sweeps, or remove one."""
         keys, wanted = self.selected_keys(), self.filter_text()
         found = await self.read(lambda store: (store.tags(), hidden_text(store, keys, wanted)), self.show_refusal)
         if found is None or not keys:
             return
         known, hidden = found
-        used = f" Existing tags: {', '.join(known)}." if known else ""
-        question = f"Tag for {_sweeps_text(keys)}{hidden} (one word)?{used}"
-        answer = await self.app.push_screen_wait(InputDialog(question, check=_tag_fault, offered=known))
-        if name := (answer or "").strip():
-            self.change(lambda store: store.tag(keys, name), f"{_sweeps_text(keys)} tagged {name}")
-
-    @work(group=ACTION_GROUP)
-    async def action_untag(self) -> None:
-        """Remove a tag from sweeps."""
-        keys, wanted = self.selected_keys(), self.filter_text()
-        found = await self.read(lambda store: (store.tags(), hidden_text(store, keys, wanted)), self.show_refusal)
-        if found is None or not keys:
-            return
-        known, hidden = found
-        if not known:
+        what, listed = f"{_sweeps_text(keys)}{hidden}", ", ".join(known)
+        if removes and not known:
             self.app.notify("no sweep has a tag")
             return
+        question = f"Tag for {what} (one word)?" + (f" Existing tags: {listed}." if known else "")
+        question = f"Remove which tag from {what}? {listed}" if removes else question
 
         def fault(name: str) -> str:
-            return "" if name.strip() in known or not name.strip() else f"no sweep has the tag '{name.strip()}'"
+            if not removes:
+                return _tag_fault(name.strip())
+            return "" if name.strip() in (*known, "") else f"no sweep has the tag '{name.strip()}'"
 
-        question = f"Remove which tag from {_sweeps_text(keys)}{hidden}? {', '.join(known)}"
         answer = await self.app.push_screen_wait(InputDialog(question, check=fault, offered=known))
-        if name := (answer or "").strip():
+        name = (answer or "").strip()
+        if name and removes:
             self.change(lambda store: store.untag(keys, name), f"{_sweeps_text(keys)}: tag {name} removed")
+        elif name:
+            self.change(lambda store: store.tag(keys, name), f"{_sweeps_text(keys)} tagged {name}")
 
     @work(group=ACTION_GROUP)
     async def action_note(self) -> None:
@@ -137,9 +130,9 @@ class TaggingPage(ChangingPage):
 
 def _tag_fault(name: str) -> str:
     try:
-        check_tag(name.strip())
+        check_tag(name)
     except StoreError as error:
-        return str(error) if name.strip() else "expected a word"
+        return str(error) if name else "expected a word"
     return ""
 
 
