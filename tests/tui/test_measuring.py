@@ -25,7 +25,7 @@ from fraexp.tui.screens.measurement_page import MARGIN_SIGN, PREDICTED_SIGN, Lim
 from fraexp.tui.screens.measurement_plan_page import MeasurementPlanPage
 from fraexp.tui.screens.run_page import RunPage
 from fraexp.tui.screens.studies_page import StudiesPage
-from fraexp.tui.services.live_measurement import LimitedMotion, NoticeReport, read_report
+from fraexp.tui.services.live_measurement import LimitedMotion, read_changes
 from fraexp.views.run_progress import FULL
 from tests.tui.pilots import pilot_of, screen_text, settle, shows, until
 from tests.waiting import wait_until
@@ -109,7 +109,7 @@ async def begin(app, pilot) -> None:
 async def play(app, pilot) -> None:
     """Measure until the first point is being recorded."""
     await begin(app, pilot)
-    await until(pilot, lambda: app.measurement.progress and app.measurement.progress.periods > 8)
+    await until(pilot, lambda: app.measurement.played and app.measurement.played.periods > 8)
     await shows(pilot, "100 Hz, 40 N peak: settled")  # the target is cut where the number of periods is long
 
 
@@ -153,7 +153,7 @@ def test_a_study_is_planned_measured_and_analysed(axis):
         await pilot.press("f5", "y")
         await until(pilot, lambda: isinstance(app.screen, RunPage))
         assert app.measurement.state == "complete"
-        assert [label for label, _ in app.measurement.responses()] == ["conventional", "effective_input"]
+        assert [label for label, _ in app.measurement.responses] == ["conventional", "effective_input"]
         await shows(pilot, "axis-measured", "complete", "2 computed")
         assert app.screen.command.startswith("fraexp show ")
 
@@ -327,11 +327,11 @@ def test_points_of_an_earlier_measurement_are_kept_or_discarded_by_a_key(axis):
     assert len(MeasurementFiles(axis / "measurements", "axis").points()) == 2
 
 
-def test_a_report_that_was_cut_off_ends_the_stream():
-    whole = pickle.dumps(NoticeReport("lost"))
-    assert read_report(io.BytesIO(whole)) == NoticeReport("lost")
+def test_changes_that_were_cut_off_end_the_stream():
+    whole = pickle.dumps({"done": 1})
+    assert read_changes(io.BytesIO(whole)) == {"done": 1}
     for length in range(len(whole)):
-        assert read_report(io.BytesIO(whole[:length])) is None
+        assert read_changes(io.BytesIO(whole[:length])) is None
 
 
 def test_a_gauge_shows_what_is_used_what_was_predicted_and_where_the_margin_begins(tmp_path):

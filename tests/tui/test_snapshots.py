@@ -15,16 +15,8 @@ from textual.pilot import Pilot
 
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.screens.measurement_page import MeasuredBode, MeasurementPage
-from fraexp.tui.services.live_measurement import (
-    BeginReport,
-    LimitedMotion,
-    NoticeReport,
-    PlanReport,
-    PlansReport,
-    PointReport,
-    ProgressReport,
-    ReportedMeasurement,
-)
+from fraexp.tui.services.live_measurement import LimitedMotion, PlanSummary, PlayedPoint, TrackedMeasurement
+from fraexp.tui.services.measurement_worker import join_responses
 from fraexp.tui.services.themes import DARK, LIGHT
 from tests.tui.pilots import pilot_of, settle, shows, until
 from tests.tui.responses import found, loop, resonant, store_results
@@ -66,23 +58,20 @@ def screen_lines(app: FraexpApp) -> str:
     return "\n".join([*lines, "", *looks, ""])
 
 
-def example_measurement() -> ReportedMeasurement:
+def example_measurement() -> TrackedMeasurement:
     """Return a measurement in which 20 of 60 points were measured, and the next one is being recorded."""
     motions = (LimitedMotion("stroke", "m", 0.02, 0.0078, 0), LimitedMotion("force", "N", 150.0, 53.8, 3))
-    plan = PlanReport("", "simulated", motions, 0.1, (), (), 100.0, "60 points", (1.0, 200.0), 0.1, 0, False)
-    live = ReportedMeasurement("axis")
-    live.add(PlansReport((plan,)))
-    live.change_state("planned", "measuring")
-    live.add(BeginReport(plan, 60))
-    for done, place in enumerate(range(59, 39, -1), start=1):
-        responses = (
-            ("conventional", resonant(GRID[place : place + 1], at=60.0)),
-            ("effective_input", resonant(GRID[place : place + 1])),
-        )
-        live.add(PointReport(f"{done}/60  {GRID[place]:.4g} Hz: settled", done, 60.0, responses))
-    live.add(NoticeReport("62.2 Hz: samples 177 to 265 were lost, and sent again"))
-    demand = (0.0012, 0.0, 0.0, 141.0, 0.0)
-    live.add(ProgressReport("33 Hz", 33.0, "40 N", 1.2, True, 6, 0.21, demand, (0.0031, 0.0, 0.0, 52.0, 0.0)))
+    plan = PlanSummary("", "simulated", motions, 0.1, (), (), 100.0, "60 points", (1.0, 200.0), 0.1, 0, False)
+    live = TrackedMeasurement("axis", state="measuring", plans=(plan,), plan=plan, done=20, total=60, seconds_left=60.0)
+    single = [GRID[place : place + 1] for place in range(59, 39, -1)]
+    live.responses = (
+        ("conventional", join_responses([resonant(at, at=60.0) for at in single])),
+        ("effective_input", join_responses([resonant(at) for at in single])),
+    )
+    live.last_point = f"20/60  {GRID[40]:.4g} Hz: settled"
+    live.notices = ("62.2 Hz: samples 177 to 265 were lost, and sent again",)
+    demand, predicted = (0.0012, 0.0, 0.0, 141.0, 0.0), (0.0031, 0.0, 0.0, 52.0, 0.0)
+    live.played = PlayedPoint("33 Hz", 33.0, "40 N", 1.2, True, 6, 0.21, demand, predicted)
     return live
 
 

@@ -20,9 +20,9 @@ def test_an_unknown_axis_is_measured_stage_by_stage_and_stopped_by_one_key(tmp_p
         await shows(pilot, "will move, as far as its limits allow.")
         assert not machine_events(tmp_path)
         await pilot.press("y")
-        await until(pilot, lambda: app.measurement is not None and app.measurement.response_version)
+        await until(pilot, lambda: app.measurement is not None and app.measurement.responses)
         await shows(pilot, "Stages, and what they found", "friction loop: closes at", "of 20 points")
-        ((label, _),) = app.measurement.responses()
+        ((label, _),) = app.measurement.responses
         assert label == "up to 0.9 times friction"
         await pilot.press("x")
         await until(pilot, lambda: app.measurement.has_ended)

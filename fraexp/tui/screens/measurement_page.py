@@ -25,11 +25,11 @@ from fraexp.tui.services.live_measurement import (
     LabelledResponse,
     LimitedMotion,
     LiveMeasurement,
-    PlanReport,
-    ProgressReport,
+    PlanSummary,
+    PlayedPoint,
 )
 from fraexp.tui.services.themes import state_sign
-from fraexp.tui.widgets.preview_plot import CurvePanel
+from fraexp.tui.widgets.preview_plot import PlotsWithNames
 from fraexp.views.measurement_texts import band_text
 from fraexp.views.run_progress import EMPTY, FULL, bar_text
 from fraexp.views.words import duration_text, elapsed_text, plural
@@ -63,12 +63,12 @@ class MeasurementState(Static):
             return printable(doing) if live.state == "measuring" else ""
         others = OTHER_STAGE_CELLS if live.stage else OTHER_CELLS
         width = min(max(self.screen.size.width - others, MIN_BAR), MAX_BAR)
-        played = live.progress.seconds if live.progress else 0.0
+        played = live.played.seconds if live.played else 0.0
         left = max(live.seconds_left - played, 0.0)
         name = f"{live.plan.label}: " if live.plan and live.plan.label else ""
         time_left = f", about {duration_text(left)} left" if live.state == "measuring" and left else ""
         points = f"{live.done} of {plural(live.total, 'point')}{time_left}" if live.total else ""
-        texts = [live.stage.name if live.stage else "", f"{name}{points}"]
+        texts = [live.stage, f"{name}{points}"]
         return f"{bar_text(live.done_fraction, width)} {': '.join(filter(None, texts))}"
 
     def _point_text(self, live: LiveMeasurement) -> str:
@@ -76,18 +76,15 @@ class MeasurementState(Static):
         if live.has_ended:
             advice = "R continues with the point that was lost" if live.state == "stopped" else "R tries again"
             return "" if live.state == "complete" else f"{live.message}; {advice}"
-        if live.stage and live.stage.rest:
-            return (
-                f"now   {live.stage.rest}: {elapsed_text(time.monotonic() - live.rest_since, live.stage.rest_seconds)}"
-            )
-        if live.progress is None:
-            return (
-                "" if not live.total else "now   the axis rests between two points while what was recorded is evaluated"
-            )
-        return progress_text(live.progress, live.plan.band if live.plan else None)
+        if live.rest:
+            return f"now   {live.rest}: {elapsed_text(time.monotonic() - live.rest_since, live.rest_seconds)}"
+        if live.played is None:
+            rests = "now   the axis rests between two points while what was recorded is evaluated"
+            return rests if live.total else ""
+        return progress_text(live.played, live.plan.band if live.plan else None)
 
 
-def progress_text(progress: ProgressReport, target: float | None) -> str:
+def progress_text(progress: PlayedPoint, target: float | None) -> str:
     """Return the point that is played: frequency, amplitude, settled or not, periods, band and its target."""
     state = "settled" if progress.is_settled else "settling"
     band = "" if progress.band is None else f", {band_text(progress.band)}"
@@ -102,7 +99,7 @@ AXIS_MARGIN = 0.02
 """Part of its length by which the frequency axis extends beyond the plan."""
 
 
-class MeasuredBode(CurvePanel):
+class MeasuredBode(PlotsWithNames):
     """Magnitude and phase of what the estimators have found so far; a vertical line is at the point that is played."""
 
     def __init__(self) -> None:
@@ -251,7 +248,8 @@ At the end the record is analysed by an ordinary run, which is shown."""
     def __init__(self, live: LiveMeasurement) -> None:
         super().__init__()
         self.measurement = live
-        self._shown = self._drawn = -1
+        self._shown = -1
+        self._drawn: tuple[LabelledResponse, ...] = ()
         self._state = ""
         self._notices = 0
 
@@ -285,7 +283,7 @@ At the end the record is analysed by an ordinary run, which is shown."""
         if not self.is_current:
             return
         if live.version == self._shown:
-            if live.stage and live.stage.rest and live.is_moving:
+            if live.rest and live.is_moving:
                 self.query_one(MeasurementState).show(live)  # how long it has rested
             return
         self._shown = live.version
@@ -294,21 +292,21 @@ At the end the record is analysed by an ordinary run, which is shown."""
             self.refresh_bindings()
         self.query_one(MeasurementState).show(live)
         self._show_notices()
-        plan, progress, bode = live.plan, live.progress, self.query_one(MeasuredBode)
+        plan, played, bode = live.plan, live.played, self.query_one(MeasuredBode)
         if plan is None:
             return
-        self._show_motion(plan, progress)
-        bode.mark(progress.at if progress else None)
-        if live.response_version != self._drawn:
-            self._drawn = live.response_version
-            bode.show(live.responses(), plan.frequency_range)
+        self._show_motion(plan, played)
+        bode.mark(played.at if played else None)
+        if live.responses is not self._drawn:
+            self._drawn = live.responses
+            bode.show(live.responses, plan.frequency_range)
 
-    def _show_motion(self, plan: PlanReport, progress: ProgressReport | None) -> None:
+    def _show_motion(self, plan: PlanSummary, played: PlayedPoint | None) -> None:
         """Show the motion of the point that is played; at the end the greatest one."""
         gauges, live = self.query_one(LimitGauges), self.measurement
-        if progress is not None:
+        if played is not None:
             gauges.border_title = POINT_TITLE
-            gauges.show(plan.motions, plan.margin, progress.demand, progress.predicted)
+            gauges.show(plan.motions, plan.margin, played.demand, played.predicted)
         elif live.has_ended and live.greatest:
             gauges.border_title = "Greatest motion, of its limits"
             gauges.show(plan.motions, plan.margin, live.greatest, ())

@@ -14,7 +14,7 @@ from fraexp.errors import ConsentError
 from fraexp.tui.dialogs import ConfirmDialog
 from fraexp.tui.page import ACTION_GROUP, Page
 from fraexp.tui.screens.measurement_page import LimitGauges, MeasurementPage
-from fraexp.tui.services.live_measurement import LiveMeasurement, PlanReport
+from fraexp.tui.services.live_measurement import LiveMeasurement, PlanSummary
 from fraexp.tui.widgets.paged_table import PointsTable
 from fraexp.views.words import plural
 
@@ -123,7 +123,7 @@ To change amplitudes, frequencies or limits, open the study with Enter in Studie
             self.measurement.discard()
 
 
-def summary_text(plans: tuple[PlanReport, ...]) -> str:
+def summary_text(plans: tuple[PlanSummary, ...]) -> str:
     """Return what is going to be measured, and what is stored already, in one or two lines that a terminal shows."""
     text = "; ".join(f"{plan.label}: {plan.total}" if plan.label else plan.total for plan in plans)
     first = plans[0]

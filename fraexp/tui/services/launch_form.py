@@ -27,6 +27,11 @@ SECTION_ORDER = (*FIRST_SECTIONS, *(key for key in SECTIONS if key not in (*FIRS
 """Sections, those that are changed most often first."""
 
 
+def keep_text(text: str, share: float) -> str:
+    """Return a text that has no next one."""
+    return text
+
+
 @dataclass(frozen=True)
 class FormField:
     """An editable value."""
@@ -45,7 +50,7 @@ class FormField:
     """Names of the field in error messages."""
     label: str = ""
     """Shown in place of the path."""
-    step: Callable[[str, float], str] = lambda text, share: text
+    step: Callable[[str, float], str] = keep_text
     """Return a text increased by a fraction of itself, or the next choice."""
 
     @property

@@ -1,4 +1,4 @@
-"""A measurement as the terminal UI sees it: a process that plays and reports, and all that it has reported so far."""
+"""A measurement as the terminal UI sees it: a process that plays, and the state of it that the process tells."""
 
 import os
 import pickle
@@ -6,20 +6,17 @@ import shlex
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field
 from typing import IO, Any
-
-import numpy as np
 
 from fraexp.data.results import FrequencyResponse
 from fraexp.measurement.consent import Consent
 from fraexp.workspace.workspace_service import WorkspaceService
 
 LabelledResponse = tuple[str, FrequencyResponse]
-"""What an estimator found at one point, with its name."""
+"""What an estimator found so far, over frequency, with its name."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +33,7 @@ class LimitedMotion:
 
 
 @dataclass(frozen=True)
-class PlanReport:
+class PlanSummary:
     """The plan of an experiment, within its limits."""
 
     label: str
@@ -66,29 +63,7 @@ class PlanReport:
 
 
 @dataclass(frozen=True)
-class PlansReport:
-    """The plans of all experiments of a study; nothing has been played."""
-
-    plans: tuple[PlanReport, ...]
-    is_autonomous: bool = False
-    """Whether stages take the place of points: then nothing is predicted."""
-    consents: tuple[Consent, ...] = ()
-    """What the user has to allow before the machine is connected."""
-
-
-@dataclass(frozen=True)
-class BeginReport:
-    """A machine is connected, and an experiment begins."""
-
-    plan: PlanReport
-    """The plan by the limits of study and machine together."""
-    points: int
-    kept: int = 0
-    """Points of an earlier measurement, which are not played again."""
-
-
-@dataclass(frozen=True)
-class ProgressReport:
+class PlayedPoint:
     """The point that is being played."""
 
     frequency: str
@@ -108,119 +83,79 @@ class ProgressReport:
     """The same, as predicted for all of it."""
 
 
-@dataclass(frozen=True)
-class PointReport:
-    """A point that has been measured, now or before an interruption."""
-
-    text: str
-    done: int
-    seconds_left: float
-    responses: tuple[LabelledResponse, ...]
+MOVING_STATES = ("measuring", "stopping")
+"""States in which the machine may move."""
+END_STATES = ("complete", "stopped", "failed", "process lost")
+"""States after which nothing is told any more."""
 
 
-@dataclass(frozen=True)
-class StageReport:
-    """A stage of an autonomous measurement begins, or a level of it, or the evaluation after it."""
+@dataclass(eq=False)
+class TrackedMeasurement:
+    """What is known of a measurement; one thread updates it, another reads.
 
-    name: str
-    """Which of how many, in words."""
-    begin: float
-    """Part of all stages that is done."""
-    share: float
+    Whoever shows it compares `version` with the one that was shown last.
+    """
+
+    study: str
+    overrides: Sequence[str] = ()
+    state: str = "planning"
+    message: str = ""
+    """What ended it, in words."""
+    is_end_shown: bool = False
+    """Whether the user knows that it has ended."""
+    result_study: str = ""
+    """The study that analyses the record; empty as long as the measurement is not complete."""
+    is_autonomous: bool = False
+    """Whether each of its stages is planned by what the one before shows: then nothing is predicted."""
+    is_fresh: bool = False
+    """Whether it discards what an earlier measurement has stored."""
+    plans: tuple[PlanSummary, ...] = ()
+    """The plans of all experiments of the study."""
+    consents: tuple[Consent, ...] = ()
+    """What the user has to allow before the machine is connected."""
+    stage: str = ""
+    """Which stage of how many an autonomous measurement is in; empty of any other one."""
+    stage_begin: float = 0.0
+    """Part of all stages that was done before."""
+    stage_share: float = 1.0
     """Part of all stages that its points are."""
     rest: str = ""
     """Why the axis rests; empty while it moves."""
     rest_seconds: float = 0.0
     """Time that it is expected to rest [s]; 0 if it is not known."""
-
-
-@dataclass(frozen=True)
-class NoticeReport:
+    rest_since: float = 0.0
+    """When it began to rest, on the clock of time.monotonic, which all processes share [s]."""
+    plan: PlanSummary | None = None
+    """The plan of the experiment that is measured, by the limits of study and machine together."""
+    played: PlayedPoint | None = None
+    """The point that is being played; None between two points."""
+    greatest: tuple[float, ...] = ()
+    """The greatest motion and force so far; empty before."""
+    done: int = 0
+    total: int = 0
+    seconds_left: float = 0.0
+    """Machine time that the other points are expected to take [s]."""
+    last_point: str = ""
+    notices: tuple[str, ...] = ()
     """What was repeated or lost."""
+    responses: tuple[LabelledResponse, ...] = ()
+    """What each estimator has found so far."""
+    version: int = 0
+    _lock: threading.Lock = field(default_factory=threading.Lock)
 
-    text: str
+    def update(self, **changes: Any) -> None:
+        """Take note of changes; after the end there are none."""
+        with self._lock:
+            if not self.has_ended:
+                vars(self).update(changes, version=self.version + 1)
 
-
-@dataclass(frozen=True)
-class EndReport:
-    """How it ended: ``complete``, ``stopped`` or ``failed``."""
-
-    state: str
-    text: str = ""
-    study: str = ""
-    """The study that analyses the record, if there is one."""
-
-
-Report = PlansReport | BeginReport | ProgressReport | PointReport | StageReport | NoticeReport | EndReport
-
-
-class ReportWriter:
-    """The end of a pipe into which the measuring process writes its reports."""
-
-    def __init__(self, stream: IO[bytes]) -> None:
-        self._stream = stream
-
-    def send(self, report: Report) -> None:
-        """Send a report; if nobody reads any more, the pipe of orders ends the measurement, not this one."""
-        with suppress(OSError):
-            pickle.dump(report, self._stream)
-            self._stream.flush()
-
-
-def read_report(stream: IO[bytes]) -> Report | None:
-    """Return the next report; None at the end of the stream, also in the middle of a report."""
-    try:
-        return pickle.load(stream)
-    except (EOFError, pickle.UnpicklingError, OSError, ValueError):
-        return None
-
-
-MOVING_STATES = ("measuring", "stopping")
-"""States in which the machine may move."""
-END_STATES = ("complete", "stopped", "failed", "process lost")
-"""States after which nothing is reported any more."""
-
-
-class ReportedMeasurement:
-    """A measurement as its reports tell; one thread adds them, another reads.
-
-    Whoever shows it compares `version` with the one that was shown last.
-    """
-
-    def __init__(self, study: str, overrides: Sequence[str] = ()) -> None:
-        self.study, self.overrides = study, list(overrides)
-        self.state = "planning"
-        self.message = ""
-        """What ended it, in words."""
-        self.is_end_shown = False
-        """Whether the user knows that it has ended."""
-        self.result_study = ""
-        """The study that analyses the record; empty as long as the measurement is not complete."""
-        self.is_autonomous = False
-        """Whether each of its stages is planned by what the one before shows."""
-        self.is_fresh = False
-        """Whether it discards what an earlier measurement has stored."""
-        self.stage: StageReport | None = None
-        """The stage of an autonomous measurement; None of any other one."""
-        self.rest_since = 0.0
-        """When the axis began to rest for an evaluation, on the clock of time.monotonic [s]."""
-        self.plans: tuple[PlanReport, ...] = ()
-        self.consents: tuple[Consent, ...] = ()
-        """What the user has to allow before the machine is connected."""
-        self.plan: PlanReport | None = None
-        """The plan of the experiment that is being measured."""
-        self.progress: ProgressReport | None = None
-        """The point that is being played; None between two points."""
-        self.greatest: tuple[float, ...] = ()
-        """The greatest motion and force that were reported; empty before."""
-        self.done, self.total, self.seconds_left = 0, 0, 0.0
-        self.last_point = ""
-        self.notices: list[str] = []
-        self.version = 0
-        self.response_version = 0
-        """Counts the points with a response."""
-        self._responses: dict[str, list[FrequencyResponse]] = {}
-        self._lock = threading.Lock()
+    def change_state(self, before: str, after: str) -> bool:
+        """Go from one state to another; return whether it was in the first."""
+        with self._lock:
+            if self.state != before:
+                return False
+            self.state, self.version = after, self.version + 1
+            return True
 
     @property
     def command(self) -> str:
@@ -233,13 +168,12 @@ class ReportedMeasurement:
         """How much of it is done, of all stages if there are some."""
         if self.state == "complete":
             return 1.0
-        part = self.done / self.total if self.total else 0.0
-        return self.stage.begin + self.stage.share * part if self.stage else part
+        return self.stage_begin + self.stage_share * (self.done / self.total if self.total else 0.0)
 
     @property
     def count_text(self) -> str:
         """How far it is in two or three words; empty while nothing is planned."""
-        return self.stage.name if self.stage else f"{self.done}/{self.total}" if self.total else ""
+        return self.stage or (f"{self.done}/{self.total}" if self.total else "")
 
     @property
     def is_moving(self) -> bool:
@@ -248,80 +182,39 @@ class ReportedMeasurement:
 
     @property
     def has_ended(self) -> bool:
-        """Whether nothing more will be reported."""
+        """Whether nothing more will be told."""
         return self.state in END_STATES
 
-    def change_state(self, before: str, after: str) -> bool:
-        """Go from one state to another; return whether it was in the first."""
-        with self._lock:
-            if self.state != before:
-                return False
-            self.state, self.version = after, self.version + 1
-            return True
 
-    def add(self, report: Report) -> None:
-        """Take note of a report."""
-        with self._lock:
-            self._take(report)
-            self.version += 1
-
-    def responses(self) -> list[LabelledResponse]:
-        """Return what each estimator has found so far, over frequency."""
-        with self._lock:
-            parts = {label: list(found) for label, found in self._responses.items()}
-        return [(label, join_responses(found)) for label, found in parts.items()]
-
-    def _take(self, report: Report) -> None:
-        match report:
-            case PlansReport(plans, is_autonomous, consents):
-                self.plans, self.is_autonomous, self.consents, self.state = plans, is_autonomous, consents, "planned"
-            case BeginReport(plan, points, kept):
-                self.plan, self.progress = plan, None
-                self.done, self.total, self.seconds_left = kept, points, plan.seconds
-            case ProgressReport():
-                self.progress = report
-                self.greatest = tuple(map(max, report.demand, self.greatest or report.demand))
-            case PointReport(text, done, seconds_left, responses):
-                self.done, self.seconds_left, self.last_point, self.progress = done, seconds_left, text, None
-                for label, response in responses:
-                    self._responses.setdefault(label, []).append(response)
-                self.response_version += bool(responses)
-            case StageReport():
-                self.stage, self.rest_since = report, time.monotonic()
-                self.progress, self.done, self.total, self.seconds_left = None, 0, 0, 0.0
-            case NoticeReport(text):
-                self.notices.append(text)
-            case EndReport(state, text, study) if not self.has_ended:
-                self.state, self.message, self.result_study, self.progress = state, text, study, None
+def send_changes(stream: IO[bytes], **changes: Any) -> None:
+    """Tell changes of the state; if nobody reads any more, the pipe of orders ends the measurement, not this one."""
+    with suppress(OSError):
+        pickle.dump(changes, stream)
+        stream.flush()
 
 
-def join_responses(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
-    """Return the points of several responses of one estimator as one, by increasing frequency."""
-    order = np.argsort(np.concatenate([part.frequency for part in parts]), kind="stable")
-    joined: dict[str, Any] = {}
-    for field in fields(FrequencyResponse):
-        values = [getattr(part, field.name) for part in parts]
-        if any(value is None for value in values):
-            joined[field.name] = None
-        else:
-            joined[field.name] = np.concatenate(values)[order] if isinstance(values[0], np.ndarray) else values[0]
-    return FrequencyResponse(**joined)
+def read_changes(stream: IO[bytes]) -> Mapping[str, Any] | None:
+    """Return the next changes; None at the end of the stream, also in the middle of some."""
+    try:
+        changes: Mapping[str, Any] = pickle.load(stream)
+    except (EOFError, pickle.UnpicklingError, OSError, ValueError):
+        return None
+    return changes
 
 
 WORKER = "fraexp.tui.services.measurement_worker"
-"""Module of the measuring process, which imports all that simulates and estimates: the UI must not."""
+"""Module of the measuring process."""
 
 
-class LiveMeasurement(ReportedMeasurement):
+class LiveMeasurement(TrackedMeasurement):
     """A study that is planned, then measured, in a process whose orders come over a pipe.
 
     The process stops the machine as soon as the pipe is closed: by `stop`, or because this process has died.
-    A thread takes its reports.
     """
 
     def __init__(self, workspace: WorkspaceService, study: str, overrides: Sequence[str] = ()) -> None:
-        super().__init__(study, overrides)
-        command = [sys.executable, "-m", WORKER, str(workspace.folder.absolute()), study, *self.overrides]
+        super().__init__(study, list(overrides))
+        command = [sys.executable, "-m", WORKER, str(workspace.folder.absolute()), study, *overrides]
         self._process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
@@ -335,19 +228,22 @@ class LiveMeasurement(ReportedMeasurement):
 
     def begin(self, fresh: bool = False) -> None:
         """Let it measure; `fresh`, without what an earlier measurement has stored."""
-        if self.change_state("planned", "measuring"):
+        pipe = self._process.stdin
+        if self.change_state("planned", "measuring") and pipe is not None:
             self.is_fresh = fresh
-            self._order("fresh\n" if fresh else "begin\n")
+            with suppress(OSError):  # it tells how it has ended
+                pipe.write(b"fresh\n" if fresh else b"begin\n")
+                pipe.flush()
 
     def stop(self) -> None:
         """Let the excitation fall within its ramp, and end; measured points are kept."""
         self.change_state("measuring", "stopping")
-        self._close_pipe(self._process.stdin)
+        self._close_pipe()
 
     def kill(self) -> None:
         """Kill the process at once; the machine stops by its own watchdog."""
         self._process.kill()
-        self._close_pipe(self._process.stdin)
+        self._close_pipe()
 
     def discard(self) -> None:
         """End a measurement that has not begun."""
@@ -359,26 +255,17 @@ class LiveMeasurement(ReportedMeasurement):
         self._thread.join(timeout)
         return not self._thread.is_alive()
 
-    def _order(self, text: str) -> None:
-        pipe = self._process.stdin
-        assert pipe is not None
-        with suppress(OSError):  # its reports say how it has ended
-            pipe.write(text.encode())
-            pipe.flush()
-
     def _read(self) -> None:
         assert self._process.stdout is not None
         with self._process.stdout as stream:
-            while (report := read_report(stream)) is not None:
-                self.add(report)
-        self._close_pipe(self._process.stdin)
+            while (changes := read_changes(stream)) is not None:
+                self.update(**changes)
+        self._close_pipe()
         code = self._process.wait()
-        if not self.has_ended:
-            text = f"the measuring process ended with code {code}; the machine stops by its watchdog"
-            self.add(EndReport("process lost", text))
+        text = f"the measuring process ended with code {code}; the machine stops by its watchdog"
+        self.update(state="process lost", message=text, played=None)
 
-    @staticmethod
-    def _close_pipe(pipe: IO[bytes] | None) -> None:
+    def _close_pipe(self) -> None:
         with suppress(OSError):
-            if pipe is not None:
-                pipe.close()
+            if self._process.stdin is not None:
+                self._process.stdin.close()

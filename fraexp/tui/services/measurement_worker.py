@@ -10,16 +10,19 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
+from dataclasses import fields
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn
 
-from fraexp.data.results import Result
+import numpy as np
+
+from fraexp.data.results import FrequencyResponse, Result
 from fraexp.data.rotary_axes import is_rotary
 from fraexp.errors import FraexpError
 from fraexp.execution.events import Noticed
-from fraexp.measurement.measured_points import MeasuredPoint, MeasurementFiles, kept_points, measurement_identity
+from fraexp.measurement.measured_points import MeasurementFiles, kept_points, measurement_identity
 from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice, PointMeasured
 from fraexp.measurement.measurement_plan import MeasurementPlan
 from fraexp.measurement.point_measurement import PointProgress
@@ -28,20 +31,7 @@ from fraexp.measurement.watched_machine import drive_note
 from fraexp.simulation.motion_limits import NO_DEMAND, Demand, MotionLimits
 from fraexp.study.sections import is_for_autonomous
 from fraexp.study.study_file import find_studies, read
-from fraexp.tui.services.live_measurement import (
-    BeginReport,
-    EndReport,
-    LabelledResponse,
-    LimitedMotion,
-    NoticeReport,
-    PlanReport,
-    PlansReport,
-    PointReport,
-    ProgressReport,
-    Report,
-    ReportWriter,
-    StageReport,
-)
+from fraexp.tui.services.live_measurement import LimitedMotion, PlanSummary, PlayedPoint, send_changes
 from fraexp.views.measurement_texts import (
     AUTONOMOUS_STAGES,
     AUTONOMOUS_TOTAL,
@@ -60,12 +50,14 @@ from fraexp.workspace.measurement_service import MeasurementService, PointEstima
 from fraexp.workspace.workspace_folder import DATABASE_VARIABLE
 from fraexp.workspace.workspace_service import WorkspaceService
 
-REPORT_INTERVAL_S = 0.1
-"""Least time between two reports of progress, of which nobody reads more."""
-FilesOf = Callable[[MeasurementTask], MeasurementFiles]
-"""Returns the files of an experiment."""
-EstimatePoint = Callable[[MeasurementTask, MeasuredPoint], Sequence[Result | str]]
-"""Returns what each estimator finds at a point, or why it does not."""
+PROGRESS_INTERVAL_S = 0.1
+"""Least time between two changes of the point that is played, of which nobody reads more."""
+PARTS_BEFORE, PARTS = (0, 1, 3, 4), 6
+"""Parts of the progress before each stage, and all: stages count alike, and the evaluations after two of them."""
+EXAMPLE = 'add to the study, for example:\n[measurement]\nmachine = { name = "simulated" }'
+Service = MeasurementService | AutonomousService
+Tell = Callable[..., None]
+"""Takes the changes of the measurement's state by name."""
 
 
 def limited_motions(limits: MotionLimits, demand: Demand, rotary: bool) -> tuple[LimitedMotion, ...]:
@@ -78,7 +70,7 @@ def limited_motions(limits: MotionLimits, demand: Demand, rotary: bool) -> tuple
     )
 
 
-def plan_report(plan: MeasurementPlan, files: MeasurementFiles) -> PlanReport:
+def plan_summary(plan: MeasurementPlan, files: MeasurementFiles) -> PlanSummary:
     """Return the plan of an experiment as the UI shows it."""
     settings = plan.task.settings
     assert settings is not None
@@ -88,7 +80,7 @@ def plan_report(plan: MeasurementPlan, files: MeasurementFiles) -> PlanReport:
         for line in (point.period.lines[0], point.period.lines[-1])
     ]
     kept = {point.number for point in kept_points(files, plan.task)}
-    return PlanReport(
+    return PlanSummary(
         label=plan.task.label,
         machine=settings.machine.name,
         motions=limited_motions(plan.limits, plan.demand, is_rotary(plan.task.experiment)),
@@ -106,91 +98,12 @@ def plan_report(plan: MeasurementPlan, files: MeasurementFiles) -> PlanReport:
     )
 
 
-class FeedReporter:
-    """Turns the events of a measurement into reports."""
-
-    def __init__(self, files: FilesOf, estimate: EstimatePoint) -> None:
-        self._files, self._estimate = files, estimate
-        self._task: MeasurementTask | None = None
-        self._plan: MeasurementPlan | None = None
-        self._missed = MissedBands()
-        self._unit = ""
-        self._reported: tuple[object, ...] = ()
-        self._reported_at = 0.0
-
-    def reports(self, event: object) -> Iterator[Report]:
-        """Yield the reports of an event of a measurement."""
-        match event:
-            case MeasurementBegun(plan, kept):
-                self._plan = plan
-                self._missed.begin(event)
-                self._task, self._unit = plan.task, demand_units(is_rotary(plan.task.experiment))[FORCE_PLACE]
-                begun = plan_report(plan, self._files(plan.task))
-                yield BeginReport(begun, len(plan.points), len(kept))
-                for point in kept:
-                    found = self._estimate(plan.task, point)
-                    yield PointReport(f"{point.frequency}: kept", len(kept), begun.seconds, self._responses(found))
-            case MeasurementNotice(what):
-                yield NoticeReport(what)
-            case PointProgress():
-                yield from self._progress(event)
-            case PointEstimated(measured, results):
-                assert self._plan is not None
-                self._missed.add(measured.point)
-                yield PointReport(
-                    found_text(event, self._plan), measured.done, measured.seconds_left, self._responses(results)
-                )
-
-    @property
-    def remark(self) -> str:
-        """What is to be said at the end of all points; may be empty."""
-        return self._missed.text
-
-    def _progress(self, event: PointProgress) -> Iterator[ProgressReport]:
-        """Yield the report of a progress, unless one like it was sent just now."""
-        state, now = (event.point.number, event.point.amplitude, event.is_settled), time.monotonic()
-        if state == self._reported and now < self._reported_at + REPORT_INTERVAL_S:
-            return
-        self._reported, self._reported_at = state, now
-        point = event.point
-        yield ProgressReport(
-            frequency=point.frequency,
-            at=float(point.period.lines[0] / (point.period.waveform.size * point.sample_time)),
-            peak=f"{peak_of(point):.4g} {self._unit}",
-            seconds=event.seconds,
-            is_settled=event.is_settled,
-            periods=event.periods,
-            band=event.band,
-            demand=tuple(event.demand),
-            predicted=tuple(point.demand),
-        )
-
-    def _responses(self, results: Sequence[Result | str]) -> tuple[LabelledResponse, ...]:
-        """Return the responses among the results, each with its label."""
-        return tuple(
-            (label, result.response)
-            for label, result in zip(self.labels(), results, strict=True)
-            if isinstance(result, Result) and result.response is not None
-        )
-
-    def labels(self) -> list[str]:
-        """Return the labels of the results of a point: the names of the estimators."""
-        assert self._task is not None
-        names = [str(spec["name"]) for spec in self._task.estimators]
-        several = {name for name in names if names.count(name) > 1}
-        labels = [f"{name} {place + 1}" if name in several else name for place, name in enumerate(names)]
-        return [f"{self._task.label}, {label}" if self._task.label else label for label in labels]
-
-
-PARTS_BEFORE, PARTS = (0, 1, 3, 4), 6
-"""Parts of the progress before each stage, and all: stages count alike, and the evaluations after two of them."""
-
-
-def stages_report(service: AutonomousService) -> PlansReport:
+def autonomous_summary(service: AutonomousService) -> PlanSummary:
     """Return what is going to happen: no points, as each stage is planned by what the one before shows."""
-    plan = PlanReport(
+    machine = service.settings.machine
+    return PlanSummary(
         label="",
-        machine=service.settings.machine.name,
+        machine=machine.name,
         motions=limited_motions(service.limits, NO_DEMAND, service.is_rotary),
         margin=service.settings.margin,
         heads=("stage", "what is played"),
@@ -201,81 +114,151 @@ def stages_report(service: AutonomousService) -> PlansReport:
         band=None,
         kept=len(service.files.points()),
         is_other_stored=False,
-        drive=drive_note(service.settings.machine.name, service.settings.machine.can_disable),
+        drive=drive_note(machine.name, machine.can_disable),
     )
-    return PlansReport((plan,), is_autonomous=True, consents=tuple(service.missing_consents))
 
 
-def stage_report(event: StageBegun) -> StageReport:
-    """Return how far a measurement is when a stage begins, or a level of it."""
-    share = 1 / (event.levels * PARTS)
-    level = f", level {event.level + 1} of {event.levels}" if event.levels > 1 else ""
-    begin = PARTS_BEFORE[event.stage] / PARTS + event.level * share
-    return StageReport(f"{stage_text(event.stage)}{level}", begin, share)
-
-
-def evaluation_report(event: EvaluationBegun) -> StageReport:
-    """Return how far a measurement is when a stage is evaluated."""
-    rest = "the axis rests while what was recorded is evaluated"
-    return StageReport(stage_text(event.stage), (PARTS_BEFORE[event.stage] + 1) / PARTS, 0.0, rest, event.seconds)
-
-
-def stage_text(stage: int) -> str:
-    """Return which stage it is, by its place."""
-    return f"stage {stage + 1} of {len(STAGES)}"
-
-
-class AutonomousReporter(FeedReporter):
-    """Turns the events of an autonomous measurement into reports; the responses of a point are those of its stage."""
-
-    def __init__(self, service: AutonomousService) -> None:
-        super().__init__(lambda _: service.files, service.estimate_point)
-        self._service = service
-        self._stage = ""
-
-    def reports(self, event: object) -> Iterator[Report]:
-        """Yield the reports of an event; of the run that ends it, what was found."""
-        match event:
-            case PointMeasured(point):
-                assert self._task is not None
-                results = tuple(self._service.estimate_point(self._task, point))
-                yield from super().reports(PointEstimated(event, results))
-            case Noticed(text):
-                yield NoticeReport(text)
-            case _:
-                if isinstance(event, StageBegun):
-                    self._stage = event.label
-                    yield stage_report(event)
-                if isinstance(event, EvaluationBegun):
-                    yield evaluation_report(event)
-                yield from super().reports(event)
-
-    def labels(self) -> list[str]:
-        """Return the label of a point: how strongly it is excited."""
-        return [self._stage]
-
-
-BEGIN_ORDER, FRESH_ORDER = "begin", "fresh"
-"""Orders to measure: to continue what an earlier measurement has stored, and to discard it."""
-Service = MeasurementService | AutonomousService
-EXAMPLE = 'add to the study, for example:\n[measurement]\nmachine = { name = "simulated" }'
-
-
-def read_plans(service: MeasurementService) -> PlansReport:
+def plan_summaries(service: Service) -> tuple[PlanSummary, ...]:
     """Return the plans of a study; FraexpError says all that it lacks."""
+    if isinstance(service, AutonomousService):
+        return (autonomous_summary(service),)
     faults: list[str] = []
     try:
         service.check()
     except FraexpError as error:
         faults.append(f"{error}; {EXAMPLE}" if "[measurement]" in str(error) else str(error))
     try:
-        plans = service.plans()
+        found = tuple(plan_summary(plan, service.files(plan.task)) for plan in service.plans())
         if not faults:
-            reports = tuple(plan_report(plan, service.files(plan.task)) for plan in plans)
-            return PlansReport(reports, consents=tuple(service.missing_consents))
+            return found
     except FraexpError as error:
         faults.insert(0, str(error))
     raise FraexpError("\n".join(faults))
+
+
+class MeasurementTeller:
+    """Tells what the events of a measurement change in its state."""
+
+    def __init__(self, service: Service, tell: Tell) -> None:
+        self._service, self._tell = service, tell
+        self._plan: MeasurementPlan
+        self._missed = MissedBands()
+        self._stage_label = ""
+        self._done = self._total = 0
+        self._notices: tuple[str, ...] = ()
+        self._greatest: tuple[float, ...] = ()
+        self._found: dict[str, list[FrequencyResponse]] = {}
+        self._told: tuple[object, ...] = ()
+        self._told_at = 0.0
+
+    def take(self, event: object) -> None:
+        """Tell what an event changes."""
+        match event:
+            case MeasurementBegun():
+                self._begin(event)
+            case PointProgress():
+                self._move(event)
+            case PointEstimated(measured, results):
+                self._missed.add(measured.point)
+                changes = self._responses(results)
+                text = found_text(event, self._plan)
+                self._tell(
+                    done=measured.done, seconds_left=measured.seconds_left, last_point=text, played=None, **changes
+                )
+            case PointMeasured(point):  # the responses of a point are those of its stage
+                self.take(PointEstimated(event, tuple(self._service.estimate_point(self._plan.task, point))))
+            case MeasurementNotice(what) | Noticed(what):
+                if isinstance(event, StageBegun | EvaluationBegun):
+                    self._tell(**stage_changes(event))
+                if isinstance(event, StageBegun):
+                    self._stage_label = event.label
+                self._notices = (*self._notices, what)
+                self._tell(notices=self._notices)
+
+    @property
+    def remark(self) -> str:
+        """What is to be said at the end of all points; may be empty."""
+        return self._missed.text
+
+    def _begin(self, event: MeasurementBegun) -> None:
+        self._plan, kept = event.plan, len(event.kept)
+        self._missed.begin(event)
+        files = self._service.files
+        begun = plan_summary(event.plan, files if isinstance(files, MeasurementFiles) else files(event.plan.task))
+        self._tell(plan=begun, played=None, done=kept, total=len(event.plan.points), seconds_left=begun.seconds)
+        for point in event.kept:
+            found = self._service.estimate_point(event.plan.task, point)
+            self._tell(last_point=f"{point.frequency}: kept", **self._responses(found))
+
+    def _move(self, event: PointProgress) -> None:
+        """Tell how far a point is, unless something like it was told just now."""
+        point, now = event.point, time.monotonic()
+        state = (point.number, point.amplitude, event.is_settled)
+        if state == self._told and now < self._told_at + PROGRESS_INTERVAL_S:
+            return
+        self._told, self._told_at = state, now
+        unit = demand_units(is_rotary(self._plan.task.experiment))[FORCE_PLACE]
+        self._greatest = tuple(map(max, event.demand, self._greatest or event.demand))
+        played = PlayedPoint(
+            frequency=point.frequency,
+            at=float(point.period.lines[0] / (point.period.waveform.size * point.sample_time)),
+            peak=f"{peak_of(point):.4g} {unit}",
+            seconds=event.seconds,
+            is_settled=event.is_settled,
+            periods=event.periods,
+            band=event.band,
+            demand=tuple(event.demand),
+            predicted=tuple(point.demand),
+        )
+        self._tell(played=played, greatest=self._greatest)
+
+    def _responses(self, results: Sequence[Result | str]) -> dict[str, Any]:
+        """Return the responses so far with those among the results; nothing if there are none."""
+        labels = [self._stage_label] if isinstance(self._service, AutonomousService) else labels_of(self._plan.task)
+        having = [
+            (label, result.response)
+            for label, result in zip(labels, results, strict=True)
+            if isinstance(result, Result) and result.response is not None
+        ]
+        for label, response in having:
+            self._found.setdefault(label, []).append(response)
+        found = tuple((label, join_responses(parts)) for label, parts in self._found.items())
+        return {"responses": found} if having else {}
+
+
+def labels_of(task: MeasurementTask) -> list[str]:
+    """Return the labels of the results of a point: the names of the estimators."""
+    names = [str(spec["name"]) for spec in task.estimators]
+    several = {name for name in names if names.count(name) > 1}
+    labels = [f"{name} {place + 1}" if name in several else name for place, name in enumerate(names)]
+    return [f"{task.label}, {label}" if task.label else label for label in labels]
+
+
+def join_responses(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
+    """Return the points of several responses of one estimator as one, by increasing frequency."""
+    order = np.argsort(np.concatenate([part.frequency for part in parts]), kind="stable")
+    joined: dict[str, Any] = {}
+    for field in fields(FrequencyResponse):
+        values = [getattr(part, field.name) for part in parts]
+        if any(value is None for value in values):
+            joined[field.name] = None
+        else:
+            joined[field.name] = np.concatenate(values)[order] if isinstance(values[0], np.ndarray) else values[0]
+    return FrequencyResponse(**joined)
+
+
+def stage_changes(event: StageBegun | EvaluationBegun) -> dict[str, Any]:
+    """Return what changes when a stage begins, or a level of it, or the evaluation after it."""
+    name, begin = f"stage {event.stage + 1} of {len(STAGES)}", PARTS_BEFORE[event.stage] / PARTS
+    common = {"played": None, "done": 0, "total": 0, "seconds_left": 0.0}
+    if isinstance(event, EvaluationBegun):
+        rest = "the axis rests while what was recorded is evaluated"
+        times = {"rest_seconds": event.seconds, "rest_since": time.monotonic()}
+        return common | times | {"stage": name, "stage_begin": begin + 1 / PARTS, "stage_share": 0.0, "rest": rest}
+    share = 1 / (event.levels * PARTS)
+    level = f", level {event.level + 1} of {event.levels}" if event.levels > 1 else ""
+    begin += event.level * share
+    return common | {"stage": f"{name}{level}", "stage_begin": begin, "stage_share": share, "rest": ""}
 
 
 def open_service(workspace: WorkspaceService, study: str, overrides: list[str]) -> Service:
@@ -286,19 +269,15 @@ def open_service(workspace: WorkspaceService, study: str, overrides: list[str]) 
     return MeasurementService(workspace, study, overrides)
 
 
-def measure(service: Service, fresh: bool, writer: ReportWriter) -> str:
-    """Measure all points and report them; return what is to be said at the end."""
-    reporter: FeedReporter
+def measure(service: Service, fresh: bool, tell: Tell) -> None:
+    """Measure all points, and tell how it goes and ends."""
+    teller = MeasurementTeller(service, tell)
     events: Generator[object, None, None]
-    if isinstance(service, AutonomousService):
-        reporter, events = AutonomousReporter(service), service.measure(fresh)
-    else:
-        reporter, events = FeedReporter(service.files, service.estimate_point), service.measure_points(fresh)
+    events = service.measure(fresh) if isinstance(service, AutonomousService) else service.measure_points(fresh)
     with closing(events):
         for event in events:
-            for report in reporter.reports(event):
-                writer.send(report)
-    return reporter.remark
+            teller.take(event)
+    tell(state="complete", message=teller.remark, result_study=service.path.stem, played=None)
 
 
 def stop_once(number: int, frame: FrameType | None) -> NoReturn:
@@ -316,27 +295,37 @@ def await_end_of_orders() -> None:
 
 
 def main() -> None:
-    """Plan, wait for the order to begin, measure, and report how it ended."""
+    """Plan, wait for the order to begin, measure, and tell how it ended."""
     with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as stream:
-        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a plugin prints is no report
-        writer = ReportWriter(stream)
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a plugin prints tells nothing
+
+        def tell(**changes: Any) -> None:
+            send_changes(stream, **changes)
+
         folder, study, *overrides = sys.argv[1:]
         signal.signal(signal.SIGINT, stop_once)
+        state, message = "failed", ""
         try:
             workspace = WorkspaceService.open(folder, os.environ[DATABASE_VARIABLE])
             service = open_service(workspace, study, overrides)
-            writer.send(stages_report(service) if isinstance(service, AutonomousService) else read_plans(service))
+            tell(
+                plans=plan_summaries(service),
+                is_autonomous=isinstance(service, AutonomousService),
+                consents=tuple(service.missing_consents),
+                state="planned",
+            )
             order = sys.stdin.readline().strip()
-            if order in (BEGIN_ORDER, FRESH_ORDER):
+            if order in ("begin", "fresh"):
                 threading.Thread(target=await_end_of_orders, name="orders", daemon=True).start()
-                remark = measure(service, order == FRESH_ORDER, writer)
-                writer.send(EndReport("complete", remark, study=service.path.stem))
+                measure(service, order == "fresh", tell)
         except KeyboardInterrupt:
-            writer.send(EndReport("stopped", "measured points are kept"))
+            state, message = "stopped", "measured points are kept"
         except FraexpError as error:
-            writer.send(EndReport("failed", str(error)))
+            message = str(error)
         except Exception as error:  # whatever a plugin raises: the UI reports it
-            writer.send(EndReport("failed", f"{type(error).__name__}: {' '.join(str(error).split())}"))
+            message = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        if message:
+            tell(state=state, message=message, played=None)
 
 
 if __name__ == "__main__":

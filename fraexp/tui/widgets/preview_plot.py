@@ -69,7 +69,7 @@ MAX_SHARE = 0.015
 """Maximum share of the time that repeated previews may take: a run needs the processors."""
 
 
-class CurvePanel(Vertical):
+class PlotsWithNames(Vertical):
     """Plots above the names of their curves."""
 
     app: "FraexpApp"
@@ -95,7 +95,7 @@ class CurvePanel(Vertical):
         self.query_one("#names", Static).update(names.append(f"\n{note}" if names and note else note))
 
 
-class PreviewPlot(CurvePanel):
+class PreviewPlot(PlotsWithNames):
     """The curves of some sweeps; hidden while there are none."""
 
     def __init__(self, title: str = "Preview") -> None:
