@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fraexp.data.signals import Segment
-from fraexp.records.plausibility import unit_questions
+from fraexp.records.source import unit_questions
 
 LINES = np.array([3, 7])
 

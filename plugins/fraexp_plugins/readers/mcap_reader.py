@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError, RecordReader, RecordTable
-from fraexp_plugins.readers._shared.record_arrays import check_size, format_errors, load_package, missing_column
+from fraexp_plugins.readers._shared.record_arrays import check_size, format_errors, load_package, pick_columns
 
 DECODERS = ("mcap_ros2.decoder", "mcap_ros1.decoder", "mcap_protobuf.decoder")
 """Modules with a decoder of another encoding than JSON, which are used if they are installed."""
@@ -30,13 +30,9 @@ class McapReader(RecordReader, name="mcap", version=2):
     suffixes = (".mcap",)
 
     def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
-        found, _ = _columns(path)
-        for column in columns:
-            if column not in found:
-                raise missing_column(path, column, found)
-        return RecordTable(
-            {column: found[column][1] for column in columns}, times={column: found[column][0] for column in columns}
-        )
+        found = pick_columns(path, columns, _columns(path)[0])
+        times = {column: stamps for column, (stamps, _) in found.items()}
+        return RecordTable({column: values for column, (_, values) in found.items()}, times=times)
 
     def contents(self, path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
         """Return the number of messages of every field of numbers, by topic and field."""

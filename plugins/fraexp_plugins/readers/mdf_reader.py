@@ -14,7 +14,7 @@ from fraexp_plugins.readers._shared.record_arrays import (
     check_size,
     format_errors,
     load_package,
-    missing_column,
+    pick_columns,
     real_vector,
 )
 from fraexp_plugins.readers._shared.text_lines import unique_names
@@ -40,11 +40,7 @@ class MdfReader(RecordReader, name="mdf", version=1):
     def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
         values, units, times = {}, {}, {}
         with format_errors(path, "MDF"), closing(_open(path)) as file:
-            places = dict(_places(file))
-            for column in columns:
-                if column not in places:
-                    raise missing_column(path, column, places)
-                group, index = places[column]
+            for column, (group, index) in pick_columns(path, columns, dict(_places(file))).items():
                 signal = file.get(group=group, index=index)
                 values[column] = real_vector(path, column, np.asarray(signal.samples))
                 times[column] = np.asarray(signal.timestamps, dtype=float)

@@ -14,7 +14,7 @@ from fraexp_plugins.readers._shared.record_arrays import (
     check_size,
     format_errors,
     load_package,
-    missing_column,
+    pick_columns,
     real_vector,
 )
 
@@ -33,13 +33,10 @@ class ParquetReader(RecordReader, name="parquet", version=1):
     def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
         with format_errors(path, "Parquet"):
             fields = _fields(path)
-            for column in columns:
-                if column not in fields:
-                    raise missing_column(path, column, fields)
-            parquet = load_package(path, "pyarrow.parquet", "parquet")
-            table = parquet.read_table(path, columns=[fields[column].name for column in columns])
+            names = {column: field.name for column, field in pick_columns(path, columns, fields).items()}
+            table = load_package(path, "pyarrow.parquet", "parquet").read_table(path, columns=list(names.values()))
             values = {
-                column: real_vector(path, column, _seconds(table[fields[column].name].to_numpy())) for column in columns
+                column: real_vector(path, column, _seconds(table[name].to_numpy())) for column, name in names.items()
             }
         units = {name: unit for name, field in fields.items() if (unit := _unit(field))}
         return RecordTable(values, None, units)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError, RecordReader, RecordTable
-from fraexp_plugins.readers._shared.record_arrays import check_size, missing_column
+from fraexp_plugins.readers._shared.record_arrays import check_size, pick_columns
 
 Columns = dict[str, NDArray[np.float64]]
 FREQUENCY = "frequency"
@@ -29,10 +29,7 @@ class Sinumerik(RecordReader, name="sinumerik", version=1):
 
     def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
         found, times = _read_columns(path)
-        for column in columns:
-            if column not in found:
-                raise missing_column(path, column, found)
-        chosen = {column: found[column] for column in columns}
+        chosen = pick_columns(path, columns, found)
         own = {column: times[column] for column in columns if column in times}
         units = {FREQUENCY: "Hz"} if FREQUENCY in columns else {}
         return RecordTable(chosen, None, units, own if len(own) == len(chosen) else {})

@@ -12,7 +12,7 @@ from fraexp_plugins.readers._shared.record_arrays import (
     check_size,
     format_errors,
     load_package,
-    missing_column,
+    pick_columns,
     real_vector,
 )
 
@@ -31,18 +31,15 @@ class TdmsReader(RecordReader, name="tdms", version=1):
     def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
         values, units, times = {}, {}, {}
         with format_errors(path, "TDMS"):
-            channels = _channels(path)
-            for column in columns:
-                if column not in channels:
-                    raise missing_column(path, column, channels)
-                channel = channels[column]
+            channels = pick_columns(path, columns, _channels(path))
+            for column, channel in channels.items():
                 values[column] = real_vector(path, column, np.asarray(channel[:]))
                 units[column] = str(channel.properties.get(UNIT_PROPERTY, ""))
                 step = float(channel.properties.get(STEP_PROPERTY, 0.0))
                 if step > 0:
                     start = float(channel.properties.get(OFFSET_PROPERTY, 0.0))
                     times[column] = start + step * np.arange(values[column].size, dtype=float)
-        steps = {float(channels[column].properties.get(STEP_PROPERTY, 0.0)) for column in columns}
+        steps = {float(channel.properties.get(STEP_PROPERTY, 0.0)) for channel in channels.values()}
         step = steps.pop() if len(steps) == 1 else 0.0
         own = times if len(times) == len(values) else {}
         return RecordTable(values, step or None, {c: unit for c, unit in units.items() if unit}, own)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError, RecordReader, RecordTable
-from fraexp_plugins.readers._shared.record_arrays import check_size, format_errors, load_package, missing_column
+from fraexp_plugins.readers._shared.record_arrays import check_size, format_errors, load_package, pick_columns
 
 FUNCTION_DATASET = 58
 FUNCTIONS = {
@@ -32,14 +32,10 @@ class UffReader(RecordReader, name="uff", version=1):
     suffixes = (".uff", ".unv", ".uf", ".bunv")
 
     def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
-        found = _functions(path)
-        values = {}
-        for column in columns:
-            if column not in found:
-                raise missing_column(path, column, found)
-            values[column] = found[column][0]
-        steps = {found[column][2] for column in columns}
-        units = {column: found[column][1] for column in columns if found[column][1]}
+        found = pick_columns(path, columns, _functions(path))
+        steps = {step for _, _, step in found.values()}
+        units = {column: unit for column, (_, unit, _) in found.items() if unit}
+        values = {column: values for column, (values, _, _) in found.items()}
         return RecordTable(values, steps.pop() if len(steps) == 1 else None, units)
 
     def contents(self, path: Path) -> dict[str, tuple[tuple[int, ...], str]]:

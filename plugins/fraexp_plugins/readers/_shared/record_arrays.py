@@ -1,17 +1,18 @@
 """What readers share: limits of size, missing columns and libraries, and the array's samples that a name picks."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError, did_you_mean
 
+Column = TypeVar("Column")
 MAX_SIZE_BYTES = 2 * 1024**3
 """Maximum decoded size of a file or variable that is read."""
 MAX_LISTED_COLUMNS = 30
@@ -31,6 +32,14 @@ def missing_column(path: Path, name: str, known: Iterable[str]) -> RecordError:
         nearest = f"; to change the sign, write '{name[1:]} * -1'"
     listed = ", ".join(names[:MAX_LISTED_COLUMNS])
     return RecordError(f"{path.name}: no column is called '{name}'; it has {listed}{more}{nearest}")
+
+
+def pick_columns(path: Path, columns: Sequence[str], found: Mapping[str, Column]) -> dict[str, Column]:
+    """Return the named ones of a file's columns; RecordError lists the columns if one is missing."""
+    for column in columns:
+        if column not in found:
+            raise missing_column(path, column, found)
+    return {column: found[column] for column in columns}
 
 
 def check_size(path: Path, what: str, size: float) -> None:
