@@ -159,7 +159,7 @@ def _failure_text(done: "subprocess.CompletedProcess[str]", name: str, file: Pat
     place = dumped_location(done.stderr.splitlines(), str(file))
     if place:
         found = f"the law of {name} ({place}) has not returned after {LAW_TIME_LIMIT_S + GRACE_S:g} s"
-        return f"{found}; expected a force at once: mend what it calls"
+        return f"{found}; expected a force at once: fix what it calls"
     message = done.stderr.strip().splitlines()[-1:] if done.returncode == EXIT_LAW_IS_WRONG else []
     return (
         message[0] if message else f"the law of {name} ({file.name}) ended the process that tried it; expected a force"

@@ -333,14 +333,14 @@ def hang_fault(name: str, law: Law, arguments: tuple[object, ...], call: LawCall
         except PluginError:  # compiled code got further than that
             pass
     found = f"the law of {name} ({law_place(law)}) has not returned after {seconds:.0f} s{at}, in compiled code"
-    return f"{found}; expected a force at once: mend what ends its loops, or make it faster"
+    return f"{found}; expected a force at once: fix the condition that ends its loops, or make it faster"
 
 
 def overdue_text(error: OverdueError, law: Law, at: str, seconds: float = LAW_TIME_LIMIT_S) -> str:
     """Return the message about a law that does not return, to follow its name; `at` says on which call."""
     place = error_location(error, law.__code__.co_filename, law.__code__.co_firstlineno)
     found = f"({place}) has not returned after {seconds:g} s {at}"
-    return f"{found}; expected a force at once: mend what ends its loops"
+    return f"{found}; expected a force at once: fix the condition that ends its loops"
 
 
 def step_text(dy: float, dt: float) -> str:

@@ -249,7 +249,7 @@ class Registry:
         cls = self.provider(kind, name).component
         version = spec.get("version", cls.version)
         if version != cls.version:
-            raise PluginError(f"{name} is asked for in version {version!r}; the one found is version {cls.version}")
+            raise PluginError(f"{name}: version {version!r} requested, version {cls.version} installed")
         values = {key: value for key, value in spec.items() if key not in ("name", "version", "preset")}
         if "preset" in spec:
             values = {**_preset(cls, spec["preset"]), **values}

@@ -171,9 +171,9 @@ def test_limits_of_a_machine_may_be_texts_with_units(workspace: WorkspaceService
         (
             "print('1,2', flush=True)\nraise ValueError('no port')",
             MachineError,
-            r"python3 ended with exit code 1 after 1 of 320 samples: ValueError: no port; mend the program",
+            r"python3 ended with exit code 1 after 1 of 320 samples: ValueError: no port; fix the program",
         ),
-        ("import os\nos._exit(3)", MachineError, r"exit code 3 after 0 of 320 samples; mend the program"),
+        ("import os\nos._exit(3)", MachineError, r"exit code 3 after 0 of 320 samples; fix the program"),
         ("print('1;2')", MachineError, r"python3, line 1: '1;2'; expected numbers for y,u"),
         (
             f"print('0,0')\n{PROGRAM.format(step=SAMPLE_TIME)}",

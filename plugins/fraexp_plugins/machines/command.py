@@ -29,7 +29,7 @@ EXCITATION_MARK = "{file}"
 CHUNK_SAMPLES = 200
 """Samples of a chunk."""
 READ_BYTES = 1 << 16
-"""Most that is read at once of what the program printed."""
+"""Maximum bytes per read of what the program prints."""
 SILENCE_S = 0.25
 """Time without a line after which a program has printed all: one that goes on has been at its end for that long."""
 MAX_ERROR_LETTERS = 200
@@ -139,7 +139,7 @@ class CommandSession(MachineSession):
         if code == 0:
             raise ConnectionLostError(ended)
         last = next((line.strip()[:MAX_ERROR_LETTERS] for line in reversed(said) if line.strip()), "")
-        raise MachineError(f"{ended}{f': {last}' if last else ''}; mend the program, or try it by hand")
+        raise MachineError(f"{ended}{f': {last}' if last else ''}; fix the program, or run it manually")
 
     def _check_end(self, lines: Iterator[str], samples: int) -> None:
         """Raise MachineError if lines follow those of all samples: which of them is no sample is not known."""
