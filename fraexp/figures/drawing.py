@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
 from matplotlib.figure import Figure
 
@@ -32,6 +32,28 @@ FACET_KINDS = ("hysteresis", "positioning", "curves", "difference", "coherence",
 """Kinds of figures that have facets but no map."""
 
 
+class FigureRequest(NamedTuple):
+    """What a figure is drawn of."""
+
+    shown: Sequence[ShownResult]
+    reference: Reference | None
+    title: str
+    wrapped: bool
+    """Whether the phase lies within ±180°."""
+
+    def curves(
+        self, belongs: Callable[[Curve], bool] = lambda curve: True
+    ) -> tuple[list[tuple[str, Curve]], str, list[CurvePlace]]:
+        """Return the labelled curves that belong to a kind of figure, its title, and the places of the curves."""
+        found = [
+            (of.name, curve, place)
+            for of, place in zip(self.shown, curve_places(self.shown), strict=True)
+            for curve in of.result.curves
+            if curve.name not in EXTREMUM_CURVES and belongs(curve)
+        ]
+        return [(name, curve) for name, curve, _ in found], self.title, [place for *_, place in found]
+
+
 def draw_figure(
     shown: Sequence[ShownResult],
     reference: Reference | None = None,
@@ -44,12 +66,14 @@ def draw_figure(
     The default is a Bode plot if any result has a response, otherwise hysteresis loops if each result has one,
     otherwise positioning moves, otherwise curves. FraexpError if the kind does not support the `view`.
     """
-    chosen = kind or _default_kind(shown)
+    request = FigureRequest(shown, reference, title, view.wrapped)
+    chosen = kind or _default_kind(request)
     view.check(chosen, [of.response.frequency for of in shown if of.response is not None])
     if chosen in FACET_KINDS:
         places = panel_places(curve_places(shown), chosen)
-        shown = [replace(of, place=place) for of, place in zip(shown, places, strict=True)]
-    figure = DRAWING_FUNCTIONS[chosen](shown, reference, title, view.wrapped)
+        placed = [replace(of, place=place) for of, place in zip(shown, places, strict=True)]
+        request = request._replace(shown=placed)
+    figure = DRAWING_FUNCTIONS[chosen](request)
     if view.wrapped:
         break_wrapped_lines(figure)
     if view.band:
@@ -57,67 +81,46 @@ def draw_figure(
     return figure
 
 
-def _draw_bode(shown: Sequence[ShownResult], reference: Reference | None, title: str, wrapped: bool) -> Figure:
+def _draw_bode(of: FigureRequest) -> Figure:
     """Draw responses as a Bode plot, or as a map if there are too many groups for lines."""
-    shown = [of for of in shown if of.response is not None]
-    if any(of.place and of.place.is_mapped for of in shown):
-        return draw_amplitude_map(response_map_info(shown, title))
+    shown = [one for one in of.shown if one.response is not None]
+    if any(one.place and one.place.is_mapped for one in shown):
+        return draw_amplitude_map(response_map_info(shown, of.title))
     places, infos = curve_places(shown), {}
     for name, indices in (facet_indices(places) or {"": []}).items():
         members = [shown[index] for index in indices]
-        curves = [(of.name, of.response) for of in members if of.response is not None]
+        curves = [(one.name, one.response) for one in members if one.response is not None]
         of_facet = [places[index] for index in indices]
-        infos[name] = bode_info(curves, reference, title, of_facet, [of.fitted for of in members], wrapped)
+        fitted = [one.fitted for one in members]
+        infos[name] = bode_info(curves, of.reference, of.title, of_facet, fitted, of.wrapped)
     return draw_bode_facets(infos)
 
 
-def _default_kind(shown: Sequence[ShownResult]) -> str:
-    if any(of.response is not None for of in shown):
+def _default_kind(request: FigureRequest) -> str:
+    if any(of.response is not None for of in request.shown):
         return "bode"
-    found = _labelled_curves(shown)
-    if not found:
+    if not request.curves()[0]:
         raise FraexpError("figure: no result has a frequency response or a curve to draw")
-    with_curves = [of.result.curves for of in shown if of.result.curves]
+    with_curves = [of.result.curves for of in request.shown if of.result.curves]
     if all(any(is_hysteresis(curve) for curve in curves) for curves in with_curves):
         return "hysteresis"
-    return "positioning" if any(is_positioning(curve) for _, curve, _ in found) else "curves"
+    return "positioning" if request.curves(is_positioning)[0] else "curves"
 
 
-def _labelled_curves(shown: Sequence[ShownResult]) -> list[tuple[str, Curve, CurvePlace]]:
-    pairs = zip(shown, curve_places(shown), strict=True)
-    return [
-        (of.name, curve, place)
-        for of, place in pairs
-        for curve in of.result.curves
-        if curve.name not in EXTREMUM_CURVES
-    ]
-
-
-def _draw_loops(found: Sequence[tuple[str, Curve, CurvePlace]], title: str) -> Figure:
-    loops = [of for of in found if is_hysteresis(of[1])]
-    info = hysteresis_info([(label, curve) for label, curve, _ in loops], title, [place for *_, place in loops])
-    return draw_hysteresis(info)
-
-
-def _draw_others(found: Sequence[tuple[str, Curve, CurvePlace]], title: str) -> Figure:
-    info = curves_info([(label, curve) for label, curve, _ in found], title, [place for *_, place in found])
-    return draw_curves(info)
-
-
-DRAWING_FUNCTIONS: dict[str, Callable[[Sequence[ShownResult], Reference | None, str, bool], Figure]] = {
+DRAWING_FUNCTIONS: dict[str, Callable[[FigureRequest], Figure]] = {
     "bode": _draw_bode,
-    "errors": lambda shown, _, title, __: draw_errors(errors_info(shown, title)),
-    "amplitude_map": lambda shown, _, title, __: draw_amplitude_map(amplitude_map_info(shown, title)),
-    "difference": lambda shown, _, title, __: draw_difference(difference_info(shown, title)),
-    "nyquist": lambda shown, reference, title, _: draw_nyquist(nyquist_info(shown, reference, title)),
-    "coherence": lambda shown, _, title, __: draw_coherence(coherence_info(shown, title)),
-    "levels": lambda shown, _, title, __: draw_levels(levels_info(shown, title)),
-    "hysteresis": lambda shown, _, title, __: _draw_loops(_labelled_curves(shown), title),
-    "positioning": lambda shown, _, title, __: draw_positioning(positioning_info(_labelled_curves(shown), title)),
-    "distribution": lambda shown, _, title, __: draw_distribution(distribution_info(shown, title)),
-    "curves": lambda shown, _, title, __: _draw_others(_labelled_curves(shown), title),
+    "errors": lambda of: draw_errors(errors_info(of.shown, of.title)),
+    "amplitude_map": lambda of: draw_amplitude_map(amplitude_map_info(of.shown, of.title)),
+    "difference": lambda of: draw_difference(difference_info(of.shown, of.title)),
+    "nyquist": lambda of: draw_nyquist(nyquist_info(of.shown, of.reference, of.title)),
+    "coherence": lambda of: draw_coherence(coherence_info(of.shown, of.title)),
+    "levels": lambda of: draw_levels(levels_info(of.shown, of.title)),
+    "hysteresis": lambda of: draw_hysteresis(hysteresis_info(*of.curves(is_hysteresis))),
+    "positioning": lambda of: draw_positioning(positioning_info(*of.curves(is_positioning))),
+    "distribution": lambda of: draw_distribution(distribution_info(of.shown, of.title)),
+    "curves": lambda of: draw_curves(curves_info(*of.curves())),
 }
-"""What draws each kind of figure: results, reference, title, and whether the phase lies within ±180°."""
+"""What draws each kind of figure."""
 
 
 def save_figure(figure: Figure, path: Path, keys: Sequence[str]) -> None:

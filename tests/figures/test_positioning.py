@@ -6,7 +6,7 @@ import pytest
 from fraexp.data.results import Curve, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.drawing import draw_figure
-from fraexp.figures.elements.grouping import CurvePlace, ShownResult
+from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.kinds.positioning_moves import AXIS_MARGIN, MIN_HEIGHT_RATIO, is_positioning, positioning_info
 
 BAND = 4e-6
@@ -41,7 +41,7 @@ def test_it_is_drawn_by_itself_where_there_are_such_curves():
 
 
 def test_deviation_and_time_count_from_the_move_on():
-    info = positioning_info([("a", motion(20e-6, wait=30), CurvePlace())])
+    info = positioning_info([("a", motion(20e-6, wait=30))])
     (move,) = info.deviations
     assert move.x[30] == pytest.approx(0)
     assert move.y[30] == pytest.approx(-1000)

@@ -52,9 +52,12 @@ def is_positioning(curve: Curve) -> bool:
     )
 
 
-def positioning_info(curves: Sequence[tuple[str, Curve, CurvePlace]], title: str = "") -> PositioningInfo:
-    """Return the moves in labelled curves with their places; FraexpError if there is none."""
-    found = [(label, curve, place) for label, curve, place in curves if is_positioning(curve)]
+def positioning_info(
+    curves: Sequence[tuple[str, Curve]], title: str = "", places: Sequence[CurvePlace] = ()
+) -> PositioningInfo:
+    """Return the moves in labelled curves, each at its place; FraexpError if there is none."""
+    pairs = zip(curves, places or [CurvePlace()] * len(curves), strict=True)
+    found = [(label, curve, place) for (label, curve), place in pairs if is_positioning(curve)]
     if not found:
         raise FraexpError("positioning figure: there is no positioning motion; use estimator 'positioning_metrics'")
     length = found[0][1].units["position"]

@@ -285,7 +285,7 @@ def _hysteresis_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
 def _positioning_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
     from fraexp.figures.kinds.positioning_moves import positioning_info
 
-    info = positioning_info([(label, curve, CurvePlace(point=label)) for label, curve in found])
+    info = positioning_info(found, places=[CurvePlace(point=label) for label, _ in found])
     marks = tuple(sign * band for band in info.bands for sign in (-1, 1))
     span = (-info.height, info.height)
     panels = [PlotPanel(f"Position less target [{info.unit}]", info.unit, "ms", tuple(
