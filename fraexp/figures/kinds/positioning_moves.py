@@ -68,8 +68,8 @@ def positioning_info(
     bands = tuple(sorted({factor * float(band) for _, curve, _ in found for band in np.unique(curve.columns["band"])}))
     height = max(AXIS_MARGIN * max(residual for _, residual in moves), MIN_HEIGHT_RATIO * bands[-1])
     deviations = tuple(line for line, _ in moves)
-    pairs = [(line, curve.columns.get("thrust")) for line, (_, curve, _) in zip(deviations, found, strict=True)]
-    thrusts = tuple(replace(line, name="", y=thrust) for line, thrust in pairs if thrust is not None)
+    with_thrust = [(line, curve.columns.get("thrust")) for line, (_, curve, _) in zip(deviations, found, strict=True)]
+    thrusts = tuple(replace(line, name="", y=thrust) for line, thrust in with_thrust if thrust is not None)
     thrust_unit = next((of.units["thrust"] for _, of, _ in found if "thrust" in of.units), "")
     heading = title or "Position relative to its target"
     return PositioningInfo(deviations, thrusts, bands, height, unit, thrust_unit, heading)
