@@ -17,7 +17,7 @@ from fraexp.figures.elements.grouping import CurvePlace, ShownResult, curve_plac
 from fraexp.figures.elements.stamp import check_suffix, stamp_digest
 from fraexp.figures.elements.view import FULL_VIEW, View, break_wrapped_lines, zoom_to_band
 from fraexp.figures.kinds.amplitude_map import amplitude_map_info, draw_amplitude_map, response_map_info
-from fraexp.figures.kinds.bode import Reference, bode_info, draw_bode_facets
+from fraexp.figures.kinds.bode import Reference, bode_info, draw_bode
 from fraexp.figures.kinds.coherence import coherence_info, draw_coherence
 from fraexp.figures.kinds.difference import difference_info, draw_difference
 from fraexp.figures.kinds.distribution import distribution_info, draw_distribution
@@ -93,7 +93,7 @@ def _draw_bode(of: FigureRequest) -> Figure:
         of_facet = [places[index] for index in indices]
         fitted = [one.fitted for one in members]
         infos[name] = bode_info(curves, of.reference, of.title, of_facet, fitted, of.wrapped)
-    return draw_bode_facets(infos)
+    return draw_bode(infos)
 
 
 def _default_kind(request: FigureRequest) -> str:

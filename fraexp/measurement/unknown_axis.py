@@ -141,10 +141,7 @@ class UnknownAxis:
             input_delay=0,
             output_delay=0,
             delay=LATENCY_S,
-            reference=0.0,
-            resolution=0.0,
             noise_std=self.noise,
-            seed=0,
             divergence_limit=np.inf,
             is_vectorised=False,
         )

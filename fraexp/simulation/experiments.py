@@ -56,18 +56,18 @@ class Setup:
     """Whole samples of dead time before the measurement."""
     delay: float
     """Time [s] after which a change of the control input shows in the measured position."""
-    reference: float
-    """Position reference [m]."""
-    resolution: float
-    """Quantisation step of the encoder [m]."""
-    noise_std: float
-    """Standard deviation of the encoder's noise [m]."""
-    seed: int
-    """Seed of the encoder's noise."""
     divergence_limit: float
     """Displacement that counts as diverged [m]."""
     is_vectorised: bool
     """Whether experiments run side by side, with explicit friction; else one by one, with implicit friction."""
+    reference: float = 0.0
+    """Position reference [m]."""
+    resolution: float = 0.0
+    """Quantisation step of the encoder [m]."""
+    noise_std: float = 0.0
+    """Standard deviation of the encoder's noise [m]."""
+    seed: int = 0
+    """Seed of the encoder's noise."""
     compensation: Compensation | None = None
     thrusts: tuple[str, ...] = ("thrust",)
     """Names of the thrusts that have a controller; the first is excited."""

@@ -235,10 +235,6 @@ def _free_setup(model: ReplayModel) -> Setup:
         input_delay=split_dead_time(inward.dead_time, sample_time).samples,
         output_delay=split_dead_time(outward.dead_time, sample_time).samples,
         delay=inward.dead_time + outward.dead_time + 5 * lags,
-        reference=0.0,
-        resolution=0.0,
-        noise_std=0.0,
-        seed=0,
         divergence_limit=MAX_DISPLACEMENT_M,
         is_vectorised=is_friction_soft(model.frictions, discrete, sample_time)
         and all(friction.is_vectorisable for friction in model.frictions.values()),

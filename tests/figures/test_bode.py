@@ -45,7 +45,7 @@ def test_a_band_without_a_limit_ends_at_the_edge_of_the_axis() -> None:
     frequency = np.geomspace(1, 100, 20)
     plant = -1e-3 / frequency**2
     deviation = np.abs(plant) * np.where(frequency < 5, 3.0, 1e-3)
-    axes = draw_bode(bode_info([("P", make_response(frequency, plant, deviation=deviation))])).axes[0]
+    axes = draw_bode({"": bode_info([("P", make_response(frequency, plant, deviation=deviation))])}).axes[0]
     span = np.ptp(axes.get_ylim())
     assert span < 2 * np.ptp(20 * np.log10(np.abs(plant))), "the lines keep most of the axis"
     edges = axes.collections[0].get_paths()[0].vertices[:, 1]
@@ -74,14 +74,14 @@ def test_unsettled_points_are_gaps_in_the_line() -> None:
     np.testing.assert_array_equal(np.isnan(curve.with_gaps(curve.magnitude)), ~np.array(settled))
     np.testing.assert_array_equal(isolated_points(curve.settled), [True, False, True, False, False, False])
     np.testing.assert_allclose(curve.magnitude, 0, atol=1e-9)  # still there to be drawn hollow
-    hollow = [line for line in draw_bode(info).axes[0].lines if line.get_fillstyle() == "none"]
+    hollow = [line for line in draw_bode({"": info}).axes[0].lines if line.get_fillstyle() == "none"]
     assert [list(line.get_xdata()) for line in hollow] == [[2, 4]]
 
 
 def test_no_line_crosses_a_gap_in_which_a_mode_could_hide() -> None:
     frequency = [1.0, 2.0, 4.0, 8.0, 9.0, 10.0]
     response = make_response(frequency, np.full(6, 1e-3), deviation=np.full(6, 1e-5))
-    axes = draw_bode(bode_info([("P", response)])).axes[0]
+    axes = draw_bode({"": bode_info([("P", response)])}).axes[0]
     points, lines = (
         [of for of in axes.lines if of.get_marker() == "o"],
         [of for of in axes.lines if of.get_marker() != "o"],
@@ -97,7 +97,7 @@ def test_no_line_crosses_a_gap_in_which_a_mode_could_hide() -> None:
 
 def test_a_response_of_points_alone_stands_in_the_legend() -> None:
     response = make_response([1.0, 2.0, 4.0], np.full(3, 1e-3))
-    figure = draw_bode(bode_info([("few", response)]))
+    figure = draw_bode({"": bode_info([("few", response)])})
     (handle,) = figure.legends[0].legend_handles
     assert [of.get_text() for of in figure.legends[0].get_texts()] == ["few"]
     assert (handle.get_marker(), handle.get_linestyle()) == ("o", "None")
@@ -111,7 +111,7 @@ def test_responses_of_different_units_do_not_share_axes() -> None:
 
 def test_panels_share_a_logarithmic_axis_with_units() -> None:
     response = make_response(np.geomspace(1, 200, 9), np.ones(9))
-    upper, lower = draw_bode(bode_info([("a", response)], title="My study")).axes
+    upper, lower = draw_bode({"": bode_info([("a", response)], title="My study")}).axes
     assert upper.get_xscale() == lower.get_xscale() == "log"
     assert upper.get_xlim() == lower.get_xlim() == pytest.approx((1, 200), rel=0.02)
     assert (upper.get_title(), upper.get_ylabel()) == ("My study", "Magnitude [dB re 1 mm/N]")
@@ -121,7 +121,7 @@ def test_panels_share_a_logarithmic_axis_with_units() -> None:
 def test_every_curve_has_a_style_of_its_own_and_a_place_in_the_legend() -> None:
     count = 20
     response = make_response([1.0, 2.0], [1.0, 1.0])
-    figure = draw_bode(bode_info([(f"curve {index}", response) for index in range(count)]))
+    figure = draw_bode({"": bode_info([(f"curve {index}", response) for index in range(count)])})
     styles = {(line.get_color(), str(line.get_linestyle())) for line in figure.axes[0].lines}
     assert len(styles) == count
     assert len(figure.legends[0].get_texts()) == count
@@ -171,7 +171,7 @@ def test_a_plant_fitted_to_the_magnitude_has_no_phase_to_draw() -> None:
     assert model is not None
     assert np.isfinite(model.magnitude).all()
     assert np.isnan(model.phase).all()
-    texts = [text.get_text() for text in draw_bode(info).legends[0].get_texts()]
+    texts = [text.get_text() for text in draw_bode({"": info}).legends[0].get_texts()]
     assert texts == ["a (fit of the magnitude)", "fitted plant", *MARKS]
 
 
@@ -192,7 +192,7 @@ def test_a_spring_below_the_fitted_range_has_its_line(unit: str, texts: list[str
     assert model.spring is not None
     assert 1 / model.spring.magnitude == pytest.approx(5e4, rel=0.03)  # Re(1/P) of the first mode is not that of 1/k0
     assert model.spring.frequency == pytest.approx([1, np.sqrt(5e4 * 0.132) / (2 * np.pi)], rel=0.03)
-    assert [text.get_text() for text in draw_bode(info).legends[0].get_texts()][-2:] == texts
+    assert [text.get_text() for text in draw_bode({"": info}).legends[0].get_texts()][-2:] == texts
     plain: FrequencyResponse = make_response(frequency, PLANT.response(s.imag), unit=unit)
     without = bode_info([("a", plain)], fitted=[ShownResult("a", fitted()).fitted]).curves[0].model
     assert without is not None

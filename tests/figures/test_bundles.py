@@ -25,7 +25,7 @@ def draws(*groups: str) -> list[CurvePlace]:
 
 
 def legend(info: BodeInfo) -> list[str]:
-    return [text.get_text() for text in draw_bode(info).legends[0].get_texts()]
+    return [text.get_text() for text in draw_bode({"": info}).legends[0].get_texts()]
 
 
 def test_many_curves_are_one_bundle_with_median_and_band() -> None:
@@ -37,7 +37,7 @@ def test_many_curves_are_one_bundle_with_median_and_band() -> None:
     quantiles = group.bundle(group.magnitude).quantiles
     assert quantiles is not None
     np.testing.assert_allclose(quantiles[:, 0], 20 * np.log10([1.05, 1.5, 1.95]))
-    upper = draw_bode(info).axes[0]
+    upper = draw_bode({"": info}).axes[0]
     assert len(upper.lines) + len(upper.collections) < 10, "one artist for all the lines"
     low, high = upper.get_ylim()
     assert low < 20 * np.log10(1 / 200) < 20 * np.log10(2) < high
@@ -71,7 +71,8 @@ def test_unsettled_points_are_hollow_and_in_no_quantile() -> None:
     assert bundle.quantiles is not None
     assert bundle.quantiles.max() < 10
     assert "not settled" in legend(info)
-    drawn = [line for line in draw_bode(info).axes[0].lines if line.get_fillstyle() == "none" and len(line.get_xdata())]
+    lines = draw_bode({"": info}).axes[0].lines
+    drawn = [line for line in lines if line.get_fillstyle() == "none" and len(line.get_xdata())]
     np.testing.assert_allclose(drawn[0].get_xdata(), FREQUENCY[[3, 7]])
 
 
@@ -104,7 +105,7 @@ def test_nothing_settled_can_be_drawn() -> None:
 def test_ten_thousand_sweeps_are_drawn_within_seconds() -> None:
     curves = many(10_000)
     began = time.process_time()
-    draw_bode(bode_info(curves, ("P(s)", FREQUENCY, -1e-3 / FREQUENCY), places=draws(*[""] * 10_000)))
+    draw_bode({"": bode_info(curves, ("P(s)", FREQUENCY, -1e-3 / FREQUENCY), places=draws(*[""] * 10_000))})
     components = [{"name": "dahl", "stiffness": float(index)} for index in range(10_000)]
     assert label_texts(components)[7] == "dahl (stiffness 7)"
     assert time.process_time() - began < 10, "about 1 s; minutes if a step grows with the square of the number"

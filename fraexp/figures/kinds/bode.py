@@ -323,17 +323,13 @@ SPRING_STYLE: LineStyle = {**RIGID_BODY_STYLE, "linestyle": (0, (5, 2, 1, 2))}
 """Style of the line of a constant stiffness."""
 
 
-def draw_bode(info: BodeInfo) -> "Figure":
-    """Draw a Bode plot; unsettled points are hollow and not joined, the reference is dashed and dark.
+def draw_bode(facets: Mapping[str, BodeInfo]) -> "Figure":
+    """Draw a Bode plot for each facet, by its name; all share their axes, and the colours of their curves.
 
-    Neighbours between which a mode could hide are not joined, and their band is a bar at each point. A response
-    to which a plant was fitted is points, the plant a thin line. Samples are drawn as bundles.
+    Unsettled points are hollow and not joined, the reference is dashed and dark. Neighbours between which a mode could
+    hide are not joined, and their band is a bar at each point. A response to which a plant was fitted is points, the
+    plant a thin line. Samples are drawn as bundles.
     """
-    return draw_bode_facets({"": info})
-
-
-def draw_bode_facets(facets: Mapping[str, BodeInfo]) -> "Figure":
-    """Draw a Bode plot for each facet, by its name; all share their axes, and the colours of their curves."""
     infos = list(facets.values())
     with canvas.figure_style():
         panels = facet_panels(list(facets), (9.0, 6.2), (1.25, 1.0), facet_height=4.6)

@@ -235,7 +235,7 @@ def _combined_limits(of: NDArray[np.float64], to: NDArray[np.float64]) -> NDArra
 
 def draw_difference(info: DifferenceInfo) -> "Figure":
     """Draw the differences of magnitude and phase over frequency."""
-    places = [curve.place or CurvePlace(group=curve.label, point=curve.label) for curve in info.curves]
+    places = [curve.place for curve in info.curves if curve.place]
     with canvas.figure_style():
         facets = by_facet(list(zip(info.curves, places, strict=True)), places)
         panels = facet_panels(list(facets), (9.0, 6.2), (1.0, 1.0), facet_height=5.0)

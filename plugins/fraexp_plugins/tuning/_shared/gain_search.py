@@ -69,10 +69,6 @@ class LoopFamily:
         spread = np.abs(control)[:, None] * radius / np.abs(safe)
         return np.where(is_inside, np.abs(centre) + spread, np.inf)
 
-    def is_safe(self, control: NDArray[np.complex128]) -> bool:
-        """Return whether no plant of the band and no amplitude brings the loop to -1."""
-        return bool(np.all(self._sum(control)[2]))
-
     def margins(self, control: NDArray[np.complex128]) -> Margins:
         """Return the margins of C G; all are 0, and the gain's 1, if the loop itself may be unstable.
 
