@@ -1,7 +1,5 @@
 """A measurement: all points of a plan on a machine, repeated where that helps, and continued after an interruption."""
 
-import re
-from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -42,8 +40,6 @@ REMEDY_AFTER_LIMIT = (
     ": check the nominal machine, of which less was predicted; with measurement.adapt_amplitude=true the same command "
     "goes on with a lower amplitude, and with another excitation --fresh begins anew"
 )
-NUMBER = re.compile(r"\d+")
-"""Number in a note."""
 STRONGEST_SHARE = 0.99
 """Part of the strongest excitation of a plan from which a point counts as one with it."""
 RECORD_RESERVE = 1.1
@@ -151,12 +147,8 @@ class Measurement:
         for place, point in enumerate(waiting):
             found = yield from self._point(point, writer, judge)
             self._files.add(found)
-            spent, played, expected = (
-                spent + found.machine_time,
-                played + found.machine_time,
-                expected + _seconds(point),
-            )
-            left = sum(map(_seconds, waiting[place + 1 :])) * played / expected
+            spent, played, expected = spent + found.machine_time, played + found.machine_time, expected + point.seconds
+            left = sum(each.seconds for each in waiting[place + 1 :]) * played / expected
             yield PointMeasured(found, len(kept) + place + 1, total, spent, left)
         if waiting and self._machine.description.is_live:
             self._machine.await_rest()
@@ -189,7 +181,7 @@ class Measurement:
                 reason, spent, failure = str(error), spent + play.seconds, LimitError
                 point = point.with_amplitude(point.amplitude * min(AMPLITUDE_AFTER_LIMIT / error.reached, MAX_LOWERED))
                 continue
-            for note in gathered([*play.notes, *filter(None, [play.noise_remark])]):
+            for note in [*gathered(play.notes), *filter(None, [play.noise_remark])]:
                 yield MeasurementNotice(f"{point.frequency}: {note}")
             found = play.result(spent, tuple(repeats))
             band = judge(found)
@@ -252,15 +244,9 @@ class Measurement:
 
 
 def gathered(notes: Sequence[str]) -> list[str]:
-    """Return the first of the notes that differ in their numbers alone, with the number of such notes."""
-    kinds = Counter(NUMBER.sub("", note) for note in notes)
-    firsts = {NUMBER.sub("", note): note for note in reversed(notes)}
-    return [f"{firsts[kind]}{f' ({count} such cases)' if count > 1 else ''}" for kind, count in kinds.items()]
-
-
-def _seconds(point: PlannedPoint) -> float:
-    """Return the machine time that a point is expected to take [s]."""
-    return (point.settling + point.counts.record + point.ramp_out) * point.sample_time
+    """Return the first note of a play, with the number of the others, in a list of one text; empty without a note."""
+    more = f" (and {len(notes) - 1} more)" if len(notes) > 1 else ""
+    return [f"{note}{more}" for note in notes[:1]]
 
 
 def check_description(description: MachineDescription, task: MeasurementTask) -> None:

@@ -74,6 +74,11 @@ class PlannedPoint:
         return self.counts.experiment.setup.sample_time
 
     @property
+    def seconds(self) -> float:
+        """Machine time that it is expected to take [s]."""
+        return (self.settling + self.counts.record + self.ramp_out) * self.sample_time
+
+    @property
     def frequency(self) -> str:
         """Its frequency, or range of frequencies."""
         return frequency_text(self.period.lines / (self.period.waveform.size * self.sample_time))
@@ -146,7 +151,7 @@ class MeasurementPlan:
     def seconds_without(self, kept: Collection[int]) -> float:
         """Return the machine time [s] that the points are expected to take, without those of these numbers."""
         waiting = [point for point in self.points if point.number not in kept]
-        return sum((point.settling + point.counts.record + point.ramp_out) * point.sample_time for point in waiting)
+        return sum(point.seconds for point in waiting)
 
 
 def joint_limits(stated: MotionLimits, machine: Mapping[str, float] | None = None) -> MotionLimits:

@@ -45,8 +45,7 @@ def plan_heads(plan: MeasurementPlan) -> list[str]:
 
 def plan_cells(point: PlannedPoint) -> list[str]:
     """Return the row of a point in a plan."""
-    time = (point.settling + point.counts.record + point.ramp_out) * point.sample_time
-    return [point.frequency, *(number_text(value, 3) for value in (peak_of(point), time, *point.demand))]
+    return [point.frequency, *(number_text(value, 3) for value in (peak_of(point), point.seconds, *point.demand))]
 
 
 def peak_of(point: PlannedPoint) -> float:

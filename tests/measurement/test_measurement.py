@@ -258,13 +258,10 @@ def test_noise_that_the_study_does_not_state_is_named_where_it_keeps_a_point_fro
     assert [word in text for text in found] == ([True] if word else [])
 
 
-def test_notes_that_differ_in_numbers_are_one_line() -> None:
-    notes = [
-        "samples from 50 on were asked for again",
-        "the connection was cut at sample 60",
-        "samples from 70 on were asked for again",
-    ]
-    assert gathered(notes) == [f"{notes[0]} (2 such cases)", notes[1]]
+def test_notes_of_a_play_are_one_line() -> None:
+    notes = ["samples from 50 on were asked for again", "the connection was cut at sample 60"]
+    assert gathered(notes) == [f"{notes[0]} (and 1 more)"]
+    assert gathered([]) == []
 
 
 STUCK = 'measurement.machine.friction={name="coulomb", coulomb_force=500}'
