@@ -10,6 +10,7 @@ from fraexp.figures.elements.scales import column_unit
 
 MAX_LIST_ITEMS = 4
 """Maximum number of list items shown; of longer lists the ends are."""
+UNIT_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 
 def number_text(value: float | None, digits: int = 6) -> str:
@@ -104,6 +105,16 @@ def value_text(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return "" if value is None else str(value)
+
+
+def prefixed_text(value: float, unit: str = "") -> str:
+    """Return a number with a prefix before its unit: ``150 kN/m``."""
+    if not math.isfinite(value) or abs(value) < UNIT_PREFIXES[-1][0] / 1000:
+        value = value if not math.isfinite(value) else 0.0
+        return f"{value:g} {unit}".strip()
+    factor, prefix = next((pair for pair in UNIT_PREFIXES if abs(value) >= 0.9999995 * pair[0]), UNIT_PREFIXES[-1])
+    blank = " " if unit else ""
+    return f"{value / factor:.4g}{blank}{prefix}{unit}"
 
 
 def with_unit(text: str, unit: str) -> str:

@@ -19,7 +19,6 @@ from fraexp.data.terminal_text import printable
 from fraexp.figures.elements.grouping import ShownResult
 from fraexp.tui.dialogs import ConfirmDialog
 from fraexp.tui.page import ACTION_GROUP, Page
-from fraexp.tui.plotting.panels import prefixed_text
 from fraexp.tui.plotting.plotted_curves import bode_picture
 from fraexp.tui.services.live_measurement import (
     LabelledResponse,
@@ -32,7 +31,7 @@ from fraexp.tui.services.themes import state_sign
 from fraexp.tui.widgets.preview_plot import PlotsWithNames
 from fraexp.views.measurement_texts import band_text
 from fraexp.views.run_progress import EMPTY, FULL, bar_text
-from fraexp.views.words import duration_text, elapsed_text, plural
+from fraexp.views.words import duration_text, elapsed_text, plural, prefixed_text
 
 MIN_BAR, MAX_BAR = 10, 40
 """Least and most cells of the bar of progress."""

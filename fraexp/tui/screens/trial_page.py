@@ -17,14 +17,20 @@ from fraexp.components.kinds import FrictionModel
 from fraexp.components.parameters import unit_of
 from fraexp.data.terminal_text import printable
 from fraexp.tui.page import LOAD_GROUP, shorten
-from fraexp.tui.plotting.panels import SmallPlot, prefixed_text
+from fraexp.tui.plotting.plot_stack import PlotStack
+from fraexp.tui.plotting.plotted_curves import REFERENCE, Picture, PlotPanel, PlotTrace
 from fraexp.tui.services.launch_form import FieldGroup, FormField
 from fraexp.tui.services.plugin_watch import PluginsChanged
 from fraexp.tui.widgets.field_list import FieldList, FormDraft, FormPage
 from fraexp.views.entries import ParameterEntry, apply_texts, example_spec, parameter_entries, without_defaults
 from fraexp.views.law_trial import TRIAL_STUDY, ForceLoop, LawTrial, SineMotion, trial_overrides
+from fraexp.views.words import prefixed_text
 from fraexp.workspace.workspace_service import WorkspaceService
 
+BAR = 1
+"""Curve of the bar at the amplitude."""
+MIN_PLOT_ROWS = 9
+"""Minimum height of a plot: the others are shown by a key."""
 STEP_FRACTION = 0.05
 """Fraction by which up and down change a number."""
 MOTION_PREFIX = "excitation."
@@ -108,6 +114,7 @@ The law is evaluated in plain Python; the command at the top computes the same l
         self._trial: TrialForm | None = None
         self._turn = 0
         self._numbers = ""
+        self._panels: tuple[PlotPanel, ...] = ()
 
     def body(self) -> ComposeResult:
         """Show the parameters beside the plots."""
@@ -120,9 +127,7 @@ The law is evaluated in plain Python; the command at the top computes the same l
                 yield Static(id="hint")
             with Vertical(id="plots"):
                 yield Static(id="numbers")
-                yield SmallPlot("force [N]", id="loop")
-                yield SmallPlot("|N| [N/m] over amplitude [m]", x_decades=True, y_decades=True, id="magnitude")
-                yield SmallPlot("phase of N [deg] over amplitude [m]", x_decades=True, id="phase")
+                yield PlotStack()
 
     async def load(self) -> None:
         """Build the form once, as the trial does not depend on the database."""
@@ -184,12 +189,9 @@ The law is evaluated in plain Python; the command at the top computes the same l
 
     def _show_loop(self, trial: LawTrial, loop: ForceLoop) -> None:
         factor, unit = (1e3, "mm") if trial.sine.amplitude >= 1e-3 else (1e6, "µm")
-        panel = self.query_one("#loop", SmallPlot)
-        panel.draw(
-            [(factor * np.append(loop.displacement, loop.displacement[0]), np.append(loop.force, loop.force[0]))],
-            dotted=[(factor * loop.virgin[0], loop.virgin[1])],
-            title=f"force [N] over displacement [{unit}]",
-        )
+        closed = (np.append(values, values[0]) for values in (factor * loop.displacement, loop.force))
+        traces = _trace(0, *closed), _trace(REFERENCE, factor * loop.virgin[0], loop.virgin[1])
+        self._show_panels(PlotPanel(f"force [N] over displacement [{unit}]", "N", "", traces), *self._panels[1:])
         value = loop.describing_function
         phase = f", {round(np.degrees(np.angle(value)), 1) + 0.0:.1f} deg" if value else ""
         stiffness, energy = prefixed_text(abs(value), "N/m"), prefixed_text(loop.energy, "J")
@@ -202,9 +204,32 @@ The law is evaluated in plain Python; the command at the top computes the same l
     ) -> None:
         known = np.abs(values) > 0
         x, here = np.log10(amplitudes[known]), float(np.log10(trial.sine.amplitude))
-        self.query_one("#magnitude", SmallPlot).draw([(x, np.log10(np.abs(values[known])))], bar=here)
-        self.query_one("#phase", SmallPlot).draw([(x, np.degrees(np.angle(values[known])))], bar=here)
+        panels = []
+        for title, y in (("|N| [N/m]", np.log10(np.abs(values[known]))), ("phase of N [deg]", _degrees(values[known]))):
+            ends = np.array([y.min(), y.max()]) if y.size else np.empty(0)
+            traces = _trace(0, x, y), _trace(BAR, np.full(ends.size, here), ends)
+            is_stiffness = title.startswith("|")
+            panels.append(PlotPanel(f"{title} over amplitude [m]", "", "", traces, 1, True, decades=is_stiffness))
+        self._show_panels(self._panels[0], *panels)
+
+    def _show_panels(self, *panels: PlotPanel) -> None:
+        self._panels, stack = panels, self.query_one(PlotStack)
+        stack.home()  # another law has other scales
+        stack.display_picture(Picture("trial", "", panels), cursor=False)
+
+    def on_mount(self) -> None:
+        """Give each plot its room."""
+        self.query_one(PlotStack).min_panel_rows = MIN_PLOT_ROWS
 
     def action_turn(self) -> None:
         """Show the other plots."""
-        self.toggle_class("-turned")
+        stack = self.query_one(PlotStack)
+        stack.turn(1 if stack.first == 0 else -1)
+
+
+def _trace(curve: int, x: NDArray[np.float64], y: NDArray[np.float64]) -> PlotTrace:
+    return PlotTrace(curve, x, y, np.isfinite(x) & np.isfinite(y), x)
+
+
+def _degrees(values: NDArray[np.complex128]) -> NDArray[np.float64]:
+    return np.asarray(np.degrees(np.angle(values)))
