@@ -1,11 +1,13 @@
 """An excitation as a file: a table for instruments and programs, or source code that plays it in a controller."""
 
 import wave
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
+from itertools import accumulate
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,64 +108,63 @@ def _entries(points: Sequence[PlannedPoint], pause: int) -> list[TableEntry]:
 
 
 NUMBERS_PER_LINE = 6
-COUNTS = ("first", "samples", "periods", "ramp_out")
-"""Whole numbers of a point: where its wave begins, samples and number of its periods, samples of its ramp out."""
 
 
-def write_c(table: ExcitationTable) -> str:
-    """Return a header file that plays the excitation, sample by sample and without memory of its own."""
-    arrays = [
-        f"static const long fraexp_{name}[{len(table.entries)}] = {{{', '.join(f'{n}L' for n in numbers)}}};"
-        for name, numbers in _counts(table).items()
-    ]
-    return _template("excitation.h").format(counts="\n".join(arrays), **_common(table))
+class PlayerLanguage(NamedTuple):
+    """A language in which a controller plays the excitation, sample by sample and without memory of its own."""
+
+    template: str
+    """Name of the text of the player, with names in braces for what differs."""
+    array: str
+    """How an array of whole numbers is written, one for each point."""
+    whole: str
+    """How a whole number is written."""
+    hint: str
+    """What the user must know to play it."""
 
 
-def write_structured_text(table: ExcitationTable) -> str:
-    """Return a function block that plays the excitation, sample by sample."""
-    last_point = len(table.entries) - 1
-    arrays = [
-        f"    {name.upper()} : ARRAY[0..{last_point}] OF DINT := [{', '.join(map(str, numbers))}];"
-        for name, numbers in _counts(table).items()
-    ]
-    common = _common(table)
-    return _template("excitation.st").format(
-        counts="\n".join(arrays), last_point=last_point, last=int(common["size"]) - 1, **common
-    )
+HEADER = PlayerLanguage(
+    "excitation.h",
+    "static const long fraexp_{name}[{points}] = {{{numbers}}};",
+    "{}L",
+    "call fraexp_next every {sample_time:g} s, and add what it returns [{unit}] to the control input",
+)
+STRUCTURED_TEXT = PlayerLanguage(
+    "excitation.st",
+    "    {upper} : ARRAY[0..{last_point}] OF DINT := [{numbers}];",
+    "{}",
+    "call FB_FraexpExcitation every {sample_time:g} s, and add Force [{unit}] to the control input",
+)
 
 
-def _template(name: str) -> str:
-    """Return the text of a player, with names in braces for what differs."""
-    return files("fraexp.measurement").joinpath("templates", f"{name}.template").read_text(encoding="utf-8")
-
-
-def _common(table: ExcitationTable) -> dict[str, int | float | str]:
-    """Return what both languages say alike."""
-    wave = np.concatenate([entry.request.waveform for entry in table.entries])
-    return {
-        "points": len(table.entries),
+def _write_player(language: PlayerLanguage, path: Path, table: ExcitationTable) -> str:
+    requests = [entry.request for entry in table.entries]
+    sizes = [request.waveform.size for request in requests]
+    counts = {
+        "first": [0, *accumulate(sizes)][:-1],
+        "samples": sizes,
+        "periods": [request.repetitions for request in requests],
+        "ramp_out": [request.ramp_out for request in requests],
+    }
+    values: dict[str, Any] = {
+        "points": len(requests),
+        "last_point": len(requests) - 1,
         "samples": table.samples,
         "sample_time": table.sample_time,
         "unit": table.unit,
         "pause": table.pause,
-        "size": wave.size,
-        "wave": _lines(wave.tolist()),
-        "rise": _lines([entry.request.amplitude_rise for entry in table.entries]),
+        "size": sum(sizes),
+        "last": sum(sizes) - 1,
+        "wave": _lines(np.concatenate([request.waveform for request in requests]).tolist()),
+        "rise": _lines([request.amplitude_rise for request in requests]),
     }
-
-
-def _counts(table: ExcitationTable) -> dict[str, list[int]]:
-    """Return the whole numbers of all points, by name."""
-    rows = list(zip(*_point_counts(table.entries), strict=True))
-    return {name: list(row) for name, row in zip(COUNTS, rows, strict=True)}
-
-
-def _point_counts(entries: Iterable[TableEntry]) -> Iterator[tuple[int, int, int, int]]:
-    first = 0
-    for entry in entries:
-        request = entry.request
-        yield first, request.waveform.size, request.repetitions, request.ramp_out
-        first += request.waveform.size
+    arrays = []
+    for name, numbers in counts.items():
+        listed = ", ".join(map(language.whole.format, numbers))
+        arrays.append(language.array.format(name=name, upper=name.upper(), numbers=listed, **values))
+    template = files("fraexp.measurement").joinpath("templates", f"{language.template}.template")
+    path.write_text(template.read_text("utf-8").format(counts="\n".join(arrays), **values), encoding="utf-8")
+    return language.hint.format(**values)
 
 
 def _lines(numbers: list[float]) -> str:
@@ -234,25 +235,13 @@ def _write_wav(path: Path, table: ExcitationTable) -> str:
     return f"full scale is {peak:.6g} {table.unit}, a step {peak / WAV_PEAK:.3g} {table.unit}; {rate:g} Hz, 16 bit"
 
 
-def _write_c(path: Path, table: ExcitationTable) -> str:
-    path.write_text(write_c(table), encoding="utf-8")
-    return (
-        f"call fraexp_next every {table.sample_time:g} s, and add what it returns [{table.unit}] to the control input"
-    )
-
-
-def _write_structured_text(path: Path, table: ExcitationTable) -> str:
-    path.write_text(write_structured_text(table), encoding="utf-8")
-    return f"call FB_FraexpExcitation every {table.sample_time:g} s, and add Force [{table.unit}] to the control input"
-
-
 WRITERS: dict[str, Callable[[Path, ExcitationTable], str]] = {
     ".csv": _write_csv,
     ".mat": _write_mat,
     ".h5": _write_hdf5,
     ".hdf5": _write_hdf5,
     ".wav": _write_wav,
-    ".h": _write_c,
-    ".st": _write_structured_text,
+    ".h": partial(_write_player, HEADER),
+    ".st": partial(_write_player, STRUCTURED_TEXT),
 }
 """Writers by suffix; each returns what the user must know to play the file."""

@@ -185,10 +185,9 @@ class FraexpApp(App[None]):
         changes = self._plugins.changes()
         if not changes:
             return
-        found = await self.backend.work(lambda workspace: reload_plugins(workspace, changes))
-        text = "\n".join(shorten(str(change)) for change in found)
-        broken = any(change.reason for change in found)
-        self.notify(text, title="plugins", severity="warning" if broken else "information")
+        lines, is_broken = await self.backend.work(lambda workspace: reload_plugins(workspace, changes))
+        text = "\n".join(map(shorten, lines))
+        self.notify(text, title="plugins", severity="warning" if is_broken else "information")
         self._post_to_page(PluginsChanged())
 
     @property

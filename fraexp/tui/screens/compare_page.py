@@ -30,7 +30,7 @@ from fraexp.tui.plotting.compared_sweeps import (
 from fraexp.tui.plotting.curve_styles import curve_digit
 from fraexp.tui.plotting.plot_stack import PlotStack
 from fraexp.tui.plotting.plotted_curves import CURVE_KINDS, REFERENCE, Picture
-from fraexp.tui.widgets.figure_export import CurveNames, FigureExport, compare_command
+from fraexp.tui.widgets.figure_export import FigureExport, compare_command
 from fraexp.tui.widgets.readout import readout, shorten_name
 from fraexp.views.words import plural, short_key
 
@@ -304,7 +304,8 @@ An exported figure shows the visible curves and frequencies.
         """Keys of the sweeps that were read last."""
         self._gathered: MarkedSweeps | None = None
         self._pictures: dict[tuple[str, str, int], Picture] = {}
-        self._names: CurveNames
+        self._names: dict[tuple[int, ...], tuple[list[str], list[str]]] = {}
+        """What names the sweeps of curves, kept as there may be thousands of sweeps."""
         self._turn = asyncio.Lock()
         """Held while a view is made, so that views are shown in the order of the keys."""
 
@@ -383,7 +384,7 @@ An exported figure shows the visible curves and frequencies.
         view_range = self.stack.view_range
         view_range.hidden = {old[place] for place in view_range.hidden if place in old}
         view_range.focus, self.first = old.get(view_range.focus, 0), old.get(self.first, 0)
-        self.compared, self._pictures, self._names = found, {}, CurveNames(found, self.app.marks)
+        self.compared, self._pictures, self._names = found, {}, {}
         self.query_one("#both").display = True  # it is laid out while the picture is made
         self._fill_table()
         if not await self._show() and self.view not in ("", found.default_view):
@@ -460,7 +461,7 @@ An exported figure shows the visible curves and frequencies.
         facet = split_group(self.group)[1]
         self.heading += f", {facet}" if facet else ""
         places = self._visible_places() or found.places(self.view, self.group)
-        keys, named = self._names.of(places)
+        keys, named = self._named_by(found, tuple(places))
         workspace = self.app.backend.workspace
         self.command = (
             compare_command(workspace, named)
@@ -474,6 +475,14 @@ An exported figure shows the visible curves and frequencies.
             place.update(Text(text))
             place.display = bool(text)
         self.show_readout()
+
+    def _named_by(self, found: ComparedSweeps, places: tuple[int, ...]) -> tuple[list[str], list[str]]:
+        """Return the keys of the curves' sweeps, and the arguments that name them: a run and a filter, or keys."""
+        if places not in self._names:
+            keys, origin = found.keys_of(places), self.app.marks.origin
+            is_whole = bool(origin) and set(keys) == set(self.app.marks)
+            self._names[places] = keys, list(origin) if is_whole else list(map(short_key, keys))
+        return self._names[places]
 
     def _reference(self) -> str:
         assert self.compared is not None
@@ -591,7 +600,7 @@ An exported figure shows the visible curves and frequencies.
         """Export the visible curves as a figure by ``fraexp plot``."""
         if self.compared is None or self.stack.picture is None:
             return
-        keys, named = self._names.of(self._visible_places())
+        keys, named = self._named_by(self.compared, tuple(self._visible_places()))
         export = self._export(len(keys), named, self.stack.picture)
         file = await export.ask(self.app, self._file())
         if file is not None:

@@ -1,6 +1,5 @@
 """A watch on the plugins folder: files that are added, changed or removed while the terminal UI is open."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,20 +13,6 @@ if TYPE_CHECKING:
 
 class PluginsChanged(Message):
     """Plugins have been reloaded."""
-
-
-@dataclass(frozen=True)
-class PluginChange:
-    """A change of a file, and why it fails to load now."""
-
-    file: str
-    what: str
-    """``added``, ``changed`` or ``removed``."""
-    reason: str = ""
-
-    def __str__(self) -> str:
-        """One line."""
-        return f"plugins/{self.file} {self.what}" + (f"; it failed to load: {self.reason}" if self.reason else "")
 
 
 class PluginWatch:
@@ -45,8 +30,9 @@ class PluginWatch:
         return found | {name: "removed" for name in before if name not in self._seen}
 
 
-def reload_plugins(workspace: "WorkspaceService", changes: dict[str, str]) -> list[PluginChange]:
-    """Reload the plugins, and return the state of the changed files."""
+def reload_plugins(workspace: "WorkspaceService", changes: dict[str, str]) -> tuple[list[str], bool]:
+    """Reload the plugins; return a line for each changed file, and whether one of them fails to load now."""
     workspace.reload()
     broken = {failure.file.name: failure.reason for failure in workspace.registry.failures if failure.file}
-    return [PluginChange(name, what, broken.get(name, "")) for name, what in changes.items()]
+    reasons = {name: f"; it failed to load: {broken[name]}" if name in broken else "" for name in changes}
+    return [f"plugins/{name} {what}{reasons[name]}" for name, what in changes.items()], any(reasons.values())

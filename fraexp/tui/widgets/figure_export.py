@@ -14,30 +14,11 @@ from fraexp.figures.elements.stamp import check_suffix
 from fraexp.figures.elements.view import View
 from fraexp.store import url_without_password
 from fraexp.tui.dialogs import ConfirmDialog, InputDialog
-from fraexp.tui.plotting.compared_sweeps import ComparedSweeps
-from fraexp.tui.services.selection import Selection
-from fraexp.views.words import plural, short_key
+from fraexp.views.words import plural
 from fraexp.workspace.workspace_service import WorkspaceService
 
 if TYPE_CHECKING:
     from fraexp.tui.app import FraexpApp
-
-
-class CurveNames:
-    """What names the sweeps of curves on a command line, kept as there may be thousands of sweeps."""
-
-    def __init__(self, compared: ComparedSweeps, marks: Selection) -> None:
-        self._compared, self._marks = compared, marks
-        self._found: dict[tuple[int, ...], tuple[list[str], list[str]]] = {}
-
-    def of(self, places: Sequence[int]) -> tuple[list[str], list[str]]:
-        """Return the keys of the curves' sweeps, and the arguments that name them: a run and a filter, or keys."""
-        chosen = tuple(places)
-        if chosen not in self._found:
-            keys, origin = self._compared.keys_of(chosen), self._marks.origin
-            is_whole = bool(origin) and set(keys) == set(self._marks)
-            self._found[chosen] = keys, list(origin) if is_whole else list(map(short_key, keys))
-        return self._found[chosen]
 
 
 def compare_command(workspace: WorkspaceService, named: Sequence[str]) -> str:
