@@ -57,7 +57,7 @@ def test_components_are_listed_with_what_they_are_and_how_often_they_were_used(w
         await pilot.press("slash", *"rolling_force", "enter")
         await shows(pilot, "rows 1-1 of 1", "eq (10) as the slider")
         await pilot.press("escape", "slash", *"friction rolling", "enter")
-        await shows(pilot, "rows 1-4 of 4")
+        await shows(pilot, "rows 1-3 of 3")
         await until(pilot, lambda: app.screen.sources)
         await pilot.resize_terminal(160, 50)
         await shows(pilot, "used by 4 stored sweeps", "viscous_coefficient", "presets: linear_motor_table")
