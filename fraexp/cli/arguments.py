@@ -1,4 +1,4 @@
-"""All commands, and the parsed command line; this imports nothing heavy, so that help is instant."""
+"""The parsed command line; this imports nothing heavy, so that help is instant."""
 
 import argparse
 import os
@@ -8,42 +8,9 @@ from itertools import takewhile
 from pathlib import Path
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.options import DECLARE
+from fraexp.cli.options import COMMANDS, COMMON_OPTIONS
 from fraexp.cli.parser import CommandParser, Parser, UsageError
 from fraexp.workspace.workspace_folder import DATABASE_VARIABLE
-
-COMMANDS = {
-    "run": ("run", "compute the sweeps of studies that the database lacks"),
-    "stop": ("stop", "stop a run; finished sweeps are kept"),
-    "list": ("list", "list runs, studies, or the sweeps that match a filter"),
-    "show": ("show", "show a run, or one sweep with its parameters and results"),
-    "compare": ("compare", "compare sweeps: parameters, metrics and frequency responses"),
-    "plot": ("plot", "plot a run or sweeps to a figure file"),
-    "fit": ("fit", "fit a plant model to stored frequency responses"),
-    "tune": ("fit", "tune the feedback for stored frequency responses, with margins for all plants of their band"),
-    "design": ("fit", "choose the sines that tell most in a given measuring time, and write their study"),
-    "report": ("report", "write an HTML report of runs"),
-    "export": (
-        "export",
-        "export the result of a sweep to CSV, JSON, MAT, HDF5 or UNV, or a controller to C or ST",
-    ),
-    "import": ("import_record", "analyse a measured record, or list its contents"),
-    "measure": ("measure", "play the excitation of a study on a machine, and analyse what it records"),
-    "excite": ("excite", "write the excitation of a study to a file that a machine can play"),
-    "plugins": ("plugins", "list the available components, and plugins that failed to load"),
-    "new": ("new", "create a plugin from a template: a file in plugins/, or a package"),
-    "check": ("check", "run the conformance checks of a plugin's components"),
-    "tag": ("tag", "add a tag to sweeps, or remove it"),
-    "note": ("note", "attach a note to a sweep"),
-    "delete": ("delete", "move runs or sweeps to the trash, with their results, or empty it"),
-    "undelete": ("undelete", "bring runs or sweeps back from the trash"),
-    "merge": ("merge", "merge another database into this one"),
-    "restore": ("restore", "put a copy of a database in the place of this one, which is kept"),
-    "tui": ("tui", "start the terminal UI: launch, watch and compare studies"),
-    "serve": ("serve", "serve the terminal UI to a web browser"),
-    "doctor": ("doctor", "check the installation, the database, the plugins and the numerics"),
-}
-"""Module and one-line help of each command."""
 
 EPILOG = "exit codes:\n" + "\n".join(f"  {code.value:<4} {code.sentence}" for code in ExitCode)
 
@@ -61,23 +28,11 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     return parsed
 
 
-def _common() -> CommandParser:
+def _parser() -> Parser:
     common = CommandParser(add_help=False, argument_default=argparse.SUPPRESS)
     group = common.add_argument_group("options of every command")
-    group.add_argument(
-        "--db",
-        metavar="URL",
-        help="database: a file, or postgresql://user@host/base (default: $FRAEXP_DB, or WORKSPACE/results.db)",
-    )
-    group.add_argument(
-        "--workspace", metavar="DIR", type=Path, help="folder with plugins/ and studies/ (default: here)"
-    )
-    group.add_argument("--debug", action="store_true", help="show the traceback if an error occurs")
-    return common
-
-
-def _parser() -> Parser:
-    common = _common()
+    for option in COMMON_OPTIONS:
+        group.add_argument(*option.names, **option.settings)
     parser = Parser(
         prog="fraexp",
         description="Frequency response analysis of machines with friction.",
@@ -88,9 +43,9 @@ def _parser() -> Parser:
     )
     parser.add_argument("--version", action="store_true", help="print the version")
     commands = parser.add_subparsers(dest="command", metavar="command", title="commands", parser_class=CommandParser)
-    for name, (_, summary) in COMMANDS.items():
-        command = commands.add_parser(
-            name, parents=[common], help=summary, description=summary[0].upper() + summary[1:] + ".", allow_abbrev=False
-        )
-        DECLARE[name](command)
+    for name, (_, summary, options) in COMMANDS.items():
+        description = summary[0].upper() + summary[1:] + "."
+        command = commands.add_parser(name, parents=[common], help=summary, description=description, allow_abbrev=False)
+        for option in options:
+            command.add_argument(*option.names, **option.settings)
     return parser

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import follow, print_outcome
+from fraexp.cli.options import RECORD_OPTIONS
 from fraexp.cli.output import print_json, print_table, say
 from fraexp.errors import RecordError
 from fraexp.records.channels import parse_channel
@@ -17,13 +18,7 @@ if TYPE_CHECKING:
     from fraexp.records.proposals import Proposal
     from fraexp.records.roles import FileContent
 
-RECORD_KEYS = (
-    "line_channel", "sample_rate", "time_column", "samples_per_period", "period_time", "periods_per_realisation",
-    "frequency_column", "periodic", "skip_periods", "skip_time", "realisations", "select", "segment_column",
-    "min_frequency", "max_frequency", "harmonic_step", "harmonics", "response_unit", "input_amplitude", "averages",
-    "resample", "start_time", "end_time", "join_files", "max_phase_slip",
-)  # fmt: skip
-"""Options by the keys of a study's section ``[record]``."""
+_RECORD_KEYS = [option.key for option in RECORD_OPTIONS]
 
 
 def execute(arguments: Namespace) -> ExitCode:
@@ -38,9 +33,9 @@ def execute(arguments: Namespace) -> ExitCode:
     request = ImportRequest(
         files=arguments.files,
         channels=_parse_channels(arguments.channels, arguments.integrate),
-        options={key: getattr(arguments, key) for key in RECORD_KEYS if getattr(arguments, key) is not None},
+        options={key: value for key in _RECORD_KEYS if (value := getattr(arguments, key)) is not None},
         estimators=arguments.estimators,
-        settings=arguments.settings,
+        settings=arguments.overrides,
         levels=arguments.levels,
         each_file=arguments.separate_files,
     )

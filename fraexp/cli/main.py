@@ -12,8 +12,9 @@ from argparse import Namespace
 from collections.abc import Sequence
 from types import ModuleType
 
-from fraexp.cli.arguments import COMMANDS, parse
+from fraexp.cli.arguments import parse
 from fraexp.cli.exits import ExitCode
+from fraexp.cli.options import COMMANDS
 from fraexp.cli.output import error_document, say
 from fraexp.cli.parser import UsageError
 from fraexp.cli.standard_streams import discard_unwritable, is_output_failure, open_closed_streams, watch_output
@@ -149,12 +150,12 @@ def _execute(parsed: Namespace) -> int:
 
         print(gather_provenance()["fraexp"])
         return ExitCode.OK
-    return int(_import_command(COMMANDS[parsed.command][0]).execute(parsed))
+    module, _, function = COMMANDS[parsed.command].target.partition(":")
+    return int(getattr(_import_command(f"fraexp.cli.{module}"), function or "execute")(parsed))
 
 
-def _import_command(command: str) -> ModuleType:
+def _import_command(name: str) -> ModuleType:
     """Import a command; the garbage collector skips the imported modules, which saves time at the start and later."""
-    name = f"fraexp.cli.{command}"
     if name in sys.modules or not gc.isenabled():
         return importlib.import_module(name)
     gc.disable()

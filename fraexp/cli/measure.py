@@ -1,20 +1,29 @@
-"""``fraexp measure``: play a study's excitation on a machine, and show the response while it is measured."""
+"""``fraexp measure`` and ``fraexp excite``: play a study's excitation on a machine, or write it to a file for one."""
 
+import os
 import sys
 from argparse import Namespace
-from collections.abc import Generator, Sequence
+from collections.abc import Collection, Generator, Sequence
+from pathlib import Path
 from typing import Any
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import follow, print_outcome
 from fraexp.cli.measurement_meter import MeasurementMeter
-from fraexp.cli.output import print_json, say
-from fraexp.cli.plan_output import plan_document, print_plan
+from fraexp.cli.output import print_json, print_path, print_table, say
+from fraexp.cli.sweep_lookup import location_options
+from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.terminal_text import printable
 from fraexp.errors import ConsentError, StudyError
 from fraexp.execution.events import Event
 from fraexp.measurement.consent import Consent
+from fraexp.measurement.excitation_files import excitation_table, write_excitation
 from fraexp.measurement.measured_points import kept_points
+from fraexp.measurement.measurement_plan import MeasurementPlan
+from fraexp.measurement.watched_machine import drive_note
+from fraexp.records.study_writer import write_study
+from fraexp.simulation.motion_limits import Demand
+from fraexp.views.measurement_texts import demand_names, demand_units, plan_cells, plan_heads, plan_total
 from fraexp.workspace.autonomous_service import AutonomousService
 from fraexp.workspace.measurement_service import MeasurementService
 from fraexp.workspace.workspace_service import WorkspaceService
@@ -33,11 +42,11 @@ def execute(arguments: Namespace) -> ExitCode:
         with meter.bar:
             plans = service.plans()
         if arguments.json:
-            print_json({"plans": [plan_document(plan) for plan in plans]})
+            print_json({"plans": [_plan_document(plan) for plan in plans]})
         else:
             for plan in plans:
                 kept = kept_points(service.files(plan.task), plan.task)
-                print_plan(plan, {point.number for point in kept} if not arguments.fresh else ())
+                _print_plan(plan, {point.number for point in kept} if not arguments.fresh else ())
         return ExitCode.OK
     _ask_consents(service.missing_consents)
     return _follow(service.measure(arguments.fresh), meter, arguments, workspace)
@@ -85,3 +94,82 @@ def _rest(first: Event | None, events: Generator[object, None, None]) -> Generat
     if first is not None:
         yield first
     yield from (event for event in events if isinstance(event, Event))
+
+
+def excite(arguments: Namespace) -> ExitCode:
+    """Check the excitation against the limits, write it, and print its plan."""
+    workspace = WorkspaceService.open(arguments.workspace, arguments.db)
+    meter = MeasurementMeter()
+    service = MeasurementService(workspace, arguments.study, arguments.overrides, meter.show_planning)
+    output: Path = arguments.output
+    if os.path.lexists(output) and not arguments.force:
+        raise StudyError(f"{output}: already exists; overwrite it with --force, or choose another file")
+    with meter.bar:
+        plans = service.plans()
+    if len(plans) > 1:
+        raise StudyError(f"{arguments.study}: it has {len(plans)} experiments; write one at a time, with --set")
+    record = arguments.record or output.with_name(f"{output.stem}-record.csv")
+    table = excitation_table(plans[0])
+    study, content = service.record_study(record, table, arguments.force)
+    note = write_excitation(output, table)
+    write_study(study, content)
+    position = "rad" if table.unit == "N m" else "m"
+    _print_plan(plans[0])
+    print(f"{table.samples:,} samples, {table.samples * table.sample_time:.1f} s with pauses; {note}")
+    print_path(output)
+    print_path(study, "study of the record ")
+    say(
+        f"next: play it, and record y [{position}] and u [{table.unit}] from its first sample on, as columns of "
+        f"{record}; then: "
+        f"fraexp import {record}{location_options(arguments)}"
+    )
+    return ExitCode.OK
+
+
+def _print_plan(plan: MeasurementPlan, kept: Collection[int] = ()) -> None:
+    """Print the points in the order in which they are played, and the greatest demand beside each limit.
+
+    Points that an earlier measurement has kept are given by number.
+    """
+    if plan.task.label:
+        print(plan.task.label)
+    print_table(plan_heads(plan), [plan_cells(point) for point in plan.points])
+    print()
+    limits = [getattr(plan.limits, name) for name in Demand._fields]
+    rows = zip(demand_names(), demand_units(is_rotary(plan.task.experiment)), plan.demand, limits, strict=True)
+    print_table(
+        ["greatest", "predicted", "limit", "of it"],
+        [
+            [
+                name,
+                f"{value:.3g} {unit}",
+                "none" if limit is None else f"{limit:.3g} {unit}",
+                "" if limit is None else f"{100 * value / limit:.0f} %",
+            ]
+            for name, unit, value, limit in rows
+        ],
+    )
+    print(f"\n{plan_total(plan, kept)}")
+    machine = plan.task.settings.machine if plan.task.settings else None
+    if machine is not None and (note := drive_note(machine.name, machine.can_disable)):
+        print(note)
+
+
+def _plan_document(plan: MeasurementPlan) -> dict[str, object]:
+    """Return a plan as plain data."""
+    return {
+        "experiment": plan.task.label,
+        "seconds": plan.seconds,
+        "limits": plan.limits.plain(),
+        "demand": plan.demand._asdict(),
+        "points": [
+            {
+                "number": point.number,
+                "frequency": point.frequency,
+                "settling": point.settling * point.sample_time,
+                "record": point.counts.record * point.sample_time,
+                **point.demand._asdict(),
+            }
+            for point in plan.points
+        ],
+    }

@@ -1,410 +1,84 @@
-"""The options of each command."""
+"""All commands with their modules, summaries and options; importing this is instant."""
 
 import argparse
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any, NamedTuple
 
-from fraexp.cli.parser import Parser
 from fraexp.data.figure_kinds import FIGURES
 
-KINDS = ("friction", "plant", "controller", "excitation", "estimator", "reader", "machine")
-"""Kinds of component."""
-ID_HELP = "a run number, a study name (its newest run), or the beginning of a sweep key"
-ALL_HELP = "on a terminal, show every sweep instead of quantiles over the sweeps"
 
+class Option(NamedTuple):
+    """An argument of a command, as argparse takes it."""
 
-def _switch(parser: Parser, name: str, meaning: str) -> None:
-    parser.add_argument(name, action="store_true", help=meaning)
+    names: tuple[str, ...]
+    settings: dict[str, Any]
 
+    @property
+    def key(self) -> str:
+        """Attribute of the parsed command line that holds its value."""
+        return str(self.settings.get("dest") or self.names[-1].lstrip("-").replace("-", "_"))
 
-def _set(parser: Parser, metavar: str, meaning: str, target: str = "overrides") -> None:
-    parser.add_argument("--set", metavar=metavar, dest=target, action="append", default=[], help=meaning)
 
+class Command(NamedTuple):
+    """A command of the command line."""
 
-def _estimator(parser: Parser, purpose: str) -> None:
-    meaning = f"estimator that {purpose} (default: the only one)"
-    parser.add_argument("--estimator", metavar="NAME", default="", help=meaning)
+    target: str
+    """Module of `fraexp.cli`, and its function if that is not ``execute``: ``module:function``."""
+    summary: str
+    options: tuple[Option, ...]
 
 
-def _output(parser: Parser, meaning: str) -> None:
-    parser.add_argument("-o", "--output", metavar="FILE", type=Path, required=True, help=meaning)
+def _command(target: str, summary: str, *options: Option) -> Command:
+    return Command(target, summary, options)
 
 
-def _ids(parser: Parser) -> None:
-    parser.add_argument("ids", metavar="ID", nargs="+", help=ID_HELP)
+def _option(spelling: str, meaning: str, **settings: Any) -> Option:
+    """Return an argument that is spelled as in help, such as ``-o --output FILE``, or ``ids ID`` for a positional."""
+    words = spelling.split()
+    names = [word for word in words if word.startswith("-")] or words[:1]
+    metavar = {"metavar": words[len(names)]} if len(words) > len(names) else {}
+    return Option(tuple(names), {**metavar, "help": meaning, **settings})
 
 
-def _json(parser: Parser) -> None:
-    _switch(parser, "--json", "print one JSON document")
+def _switch(name: str, meaning: str) -> Option:
+    return _option(name, meaning, action="store_true")
 
 
-def _filter(parser: Parser) -> None:
-    parser.add_argument(
-        "--filter", metavar="FILTER",
-        help="only the sweeps that match a filter, as in fraexp list: 'estimator=effective_input tag:baseline'",
-    )  # fmt: skip
+def _repeated(spelling: str, target: str, meaning: str, **settings: Any) -> Option:
+    """Return an option that may be given several times; `target` is the attribute that holds the list."""
+    return _option(spelling, meaning, dest=target, action="append", **{"default": [], **settings})
 
-
-def _list(parser: Parser) -> None:
-    parser.add_argument(
-        "filter", metavar="FILTER", nargs="*",
-        help="list the sweeps that match all terms, such as estimator=effective_input 'excitation.amplitude>=12' "
-        "state:unusable tag:baseline; quote names and texts that contain spaces: 'metric.\"peak force\">14N'",
-    )  # fmt: skip
-    _switch(parser, "--studies", "list the studies, and what running them would compute")
-    _switch(parser, "--sweeps", "list all sweeps, as an empty filter does")
-    parser.add_argument(
-        "--sort", metavar="FIELD", default="",
-        help="field to sort by, of sweeps or of runs; -FIELD sorts in descending order (default: newest first)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--limit", metavar="COUNT", type=int, default=100, help="maximum number of sweeps to list (default: 100)"
-    )
-    parser.add_argument(
-        "--offset", metavar="COUNT", type=int, default=0, help="number of sweeps to skip at the start (default: 0)"
-    )
-    _json(parser)
-
-
-def _stop(parser: Parser) -> None:
-    parser.add_argument("run", metavar="RUN", type=int, help="a run number")
-    _switch(parser, "--kill", "kill its processes at once; stored results are kept")
-
-
-def _tag(parser: Parser) -> None:
-    parser.add_argument("tag", metavar="TAG", help="the tag: one word")
-    _ids(parser)
-    _switch(parser, "--remove", "remove the tag")
-
-
-def _note(parser: Parser) -> None:
-    parser.add_argument("id", metavar="ID", help="the beginning of a sweep key")
-    parser.add_argument("text", metavar="TEXT", help="the note; an empty text removes it")
-
-
-def _delete(parser: Parser) -> None:
-    parser.add_argument(
-        "ids", metavar="ID", nargs="*",
-        help="a run number (its sweeps are deleted unless another run has them), or the beginning of a sweep key",
-    )  # fmt: skip
-    _switch(parser, "--purge", "empty the trash: delete for good what is in it")
-    _switch(parser, "--yes", "do not ask for confirmation")
-
-
-def _merge(parser: Parser) -> None:
-    parser.add_argument(
-        "other", metavar="OTHER", help="database to read, a file or URL; its contents are added to the one of --db"
-    )
-    _json(parser)
-
-
-def _restore(parser: Parser) -> None:
-    parser.add_argument("copy", metavar="COPY", help="database file to copy; it is checked before")
-
-
-def _serve(parser: Parser) -> None:
-    parser.add_argument("--port", metavar="PORT", type=int, default=8000, help="port (default: 8000)")
-    parser.add_argument(
-        "--host", metavar="ADDRESS", default="127.0.0.1", help="address to listen on (default: this machine only)"
-    )
-    _switch(parser, "--remote", "allow an address that other machines can reach; requires --token")
-    parser.add_argument(
-        "--token", metavar="TEXT", default="", help="token that the browser must present (default: a random one)"
-    )
-
-
-def _undelete(parser: Parser) -> None:
-    parser.add_argument(
-        "ids", metavar="ID", nargs="*",
-        help="a run number, or the beginning of a sweep key (default: what was deleted last)",
-    )  # fmt: skip
-
-
-def _run(parser: Parser) -> None:
-    parser.add_argument("study", metavar="STUDY", nargs="+", help="study file (TOML), study name, or folder of studies")
-    parser.add_argument(
-        "--executor", metavar="NAME",
-        help="serial, processes[:N] or dask:ADDRESS (default: all cores, or one process where that is faster)",
-    )  # fmt: skip
-    _set(parser, "PATH=VALUE", "override a value of the study, such as loop.divergence_limit=10mm")
-    _switch(parser, "--dry-run", "show what would be computed, why, and how long it would take")
-    parser.add_argument(
-        "--time-limit", metavar="TIME", help="time limit of each sweep: 60, 90s, 5min or none (default: 1h)"
-    )
-    parser.add_argument(
-        "--database-timeout", metavar="TIME",
-        help="time for which the run waits for a database that is unavailable: 90s, 5min or none (default: 1h)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--memory-limit", metavar="SIZE", help="memory limit of each worker process, such as 2GB (default: none)"
-    )
-    parser.add_argument(
-        "--rerun", choices=("stale", "unusable", "all"),
-        help="compute stored sweeps again: stale (a plugin has changed since), unusable (without a usable result), all",
-    )  # fmt: skip
-    _switch(parser, "--detach", "run in the background with a log file; see fraexp stop")
-    _json(parser)
-
-
-def _measure(parser: Parser) -> None:
-    parser.add_argument(
-        "study", metavar="STUDY", help="study file (TOML) or study name, with [limits] and [measurement]"
-    )
-    _set(parser, "PATH=VALUE", "override a value of the study, such as measurement.band=0.1")
-    _switch(parser, "--dry-run", "show the points, their durations and the predicted motion; play nothing")
-    _switch(
-        parser,
-        "--autonomous",
-        "of the study take sample time, limits and machine alone, and find plant and friction in stages",
-    )
-    _switch(parser, "--fresh", "measure anew: discard what an earlier measurement of the study recorded")
-    _switch(parser, "--trust-program", "let the study's machine run its program, or reach its controller, unasked")
-    _json(parser)
-
-
-def _excite(parser: Parser) -> None:
-    parser.add_argument("study", metavar="STUDY", help="study file (TOML) or study name, with [limits]")
-    _output(parser, "file to write: .csv, .mat, .h5, .wav, .h (C) or .st (Structured Text)")
-    _set(parser, "PATH=VALUE", "override a value of the study, such as excitation.amplitude=20")
-    parser.add_argument(
-        "--record", metavar="FILE", type=Path,
-        help="name of the record that will come back (default: that of the output, with -record, as .csv)",
-    )  # fmt: skip
-    _switch(parser, "--force", "overwrite an existing file")
-
-
-def _show(parser: Parser) -> None:
-    parser.add_argument("id", metavar="ID", help=ID_HELP)
-    _switch(parser, "--points", "show every frequency of the response")
-    parser.add_argument(
-        "--controller",
-        metavar="STUDY",
-        help="study or machine (machines/NAME) whose controller closes the loop around a measured response",
-    )
-    _switch(parser, "--all", ALL_HELP)
-    _json(parser)
-
-
-def _compare(parser: Parser) -> None:
-    parser.add_argument("ids", metavar="ID", nargs="*", help=ID_HELP + "; the first is the reference")
-    _filter(parser)
-    parser.add_argument(
-        "--against", metavar="WHAT", choices=("first", "plant"), default="first",
-        help="reference: the first sweep, or the simulated plant P(jω) of each response (default: first)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--frequencies", metavar="HZ,...", type=_frequencies,
-        help="frequencies [Hz] at which errors against the plant are shown, such as 5,39,80",
-    )  # fmt: skip
-    _switch(parser, "--all", ALL_HELP)
-    _json(parser)
-
-
-def _frequencies(text: str) -> tuple[float, ...]:
-    try:
-        found = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        found = ()
-    if not found or not all(0 < frequency < float("inf") for frequency in found):
-        raise argparse.ArgumentTypeError(f"'{text}' is invalid; expected frequencies [Hz] above 0, such as 5,39,80")
-    return found
-
-
-def _plot(parser: Parser) -> None:
-    parser.add_argument("ids", metavar="ID", nargs="*", help=ID_HELP)
-    _filter(parser)
-    parser.add_argument(
-        "-o", "--output", metavar="FILE", type=Path, default=None, help="figure to write: .png, .svg or .pdf"
-    )
-    _switch(parser, "--terminal", "draw a figure into the terminal, in braille")
-    parser.add_argument("--title", default="", help="title of the figure")
-    parser.add_argument(
-        "--kind", metavar="KIND", choices=FIGURES, default="",
-        help=f"kind of figure: {', '.join(FIGURES)} (default: chosen from the results)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--frequency-range", metavar="LOW:HIGH", default="", help="frequency range [Hz] to show, such as 4.5:45"
-    )
-    _switch(parser, "--wrap-phase", "wrap the phase of a Bode plot to ±180 degrees")
-    parser.add_argument(
-        "--group-by", metavar="LABEL", nargs="*", default=None,
-        help="labels that separate the colours, such as estimator; curves that differ in others share one "
-        "(default: all labels; without a label, one group)",
-    )  # fmt: skip
-
-
-def _fit(parser: Parser) -> None:
-    _ids(parser)
-    _set(parser, "PARAMETER=VALUE", "set a parameter of the fit, such as modes=2 or max_frequency=150")
-    _estimator(parser, "fits the plant")
-    _json(parser)
-
-
-def _tune(parser: Parser) -> None:
-    _ids(parser)
-    _set(
-        parser, "PARAMETER=VALUE", "set a parameter of the tuning, such as integral_action=false or modulus_margin=0.6"
-    )
-    _estimator(parser, "tunes the feedback")
-    _json(parser)
-
-
-def _design(parser: Parser) -> None:
-    _ids(parser)
-    _output(parser, "study to write (.toml)")
-    _set(parser, "PARAMETER=VALUE", "set a parameter of the design, such as measuring_time=120 or amplitudes=[8,12]")
-    _estimator(parser, "designs the excitation")
-    _switch(parser, "--force", "overwrite another study")
-    _json(parser)
-
-
-def _report(parser: Parser) -> None:
-    parser.add_argument(
-        "ids", metavar="ID", nargs="+",
-        help="a run number, a study name (its newest run), or a folder of studies (the newest run of each)",
-    )  # fmt: skip
-    _output(parser, "report to write (.html)")
-    parser.add_argument("--title", default="", help="title of the report")
-    _switch(parser, "--force", "overwrite a file that is not a fraexp report")
-
-
-def _export(parser: Parser) -> None:
-    parser.add_argument("id", metavar="ID", help=ID_HELP)
-    parser.add_argument(
-        "-o", "--output", metavar="FILE", type=Path, required=True,
-        help="file to write: .csv, .json, .mat, .h5 or .unv; .c, .h (C99) or .st (Structured Text) for a "
-        "controller",
-    )  # fmt: skip
-    _switch(parser, "--single", "code in single precision instead of double")
-    _switch(parser, "--force", "overwrite an existing file")
-
-
-def _new(parser: Parser) -> None:
-    parser.add_argument("kind", metavar="KIND", choices=KINDS, help=f"kind of component: {', '.join(KINDS)}")
-    parser.add_argument("name", metavar="NAME", help="name of the component in studies, such as my_law")
-    _switch(parser, "--package", "create an installable package with a test")
-
-
-def _check(parser: Parser) -> None:
-    parser.add_argument("name", metavar="NAME", help="name of a component, or the file of a plugin")
-    parser.add_argument("--kind", metavar="KIND", choices=KINDS, help="kind of component, if several share the name")
-    _switch(parser, "--quick", "test few examples, and do not compile")
-    _json(parser)
-
-
-def _import(parser: Parser) -> None:
-    parser.add_argument(
-        "files", metavar="FILE", type=Path, nargs="+",
-        help="measured record or response: .csv, .txt, .mat, .h5, .npz, .uff, .xml, .tdms, .mf4, .mcap, .parquet; "
-        "several files are realisations of one experiment",
-    )  # fmt: skip
-    parser.add_argument(
-        "--channel", metavar="NAME=COLUMN", dest="channels", action="append", default=[],
-        help="define a channel, such as u=force, 'y=position [mm]' or 'u=(volts - 2.5) * 31.5 [N]'; the first is the "
-        "input, the second the output; without --channel, list the contents of the file",
-    )  # fmt: skip
-    parser.add_argument(
-        "--unit", metavar="UNIT", dest="response_unit",
-        help="unit of a response that was measured elsewhere, such as mm/N: its channels are frequency, magnitude and "
-        "phase, or real and imaginary",
-    )  # fmt: skip
-    parser.add_argument(
-        "--input-amplitude", metavar="VALUE", dest="input_amplitude", help="amplitude of its input, such as '12 N'"
-    )
-    parser.add_argument("--averages", metavar="COUNT", type=int, help="number of averages behind its coherence")
-    _declare_timebase(parser)
-    _declare_segments(parser)
-    _declare_lines(parser)
-    parser.add_argument(
-        "--integrate", metavar="NAME[=TIMES]", action="append", default=[],
-        help="integrate a channel over time, such as y=2 for acceleration to displacement; negative: differentiate",
-    )  # fmt: skip
-    parser.add_argument(
-        "--estimator", metavar="NAME", dest="estimators", action="append", default=[],
-        help="estimator (default: conventional); repeat it to compare several; see fraexp plugins",
-    )  # fmt: skip
-    _set(parser, "PATH=VALUE", "set a parameter of the estimator, such as estimator.order=2", "settings")
-    parser.add_argument("--study", metavar="FILE", type=Path, help="study file to write (default: studies/FILE.toml)")
-    _switch(parser, "--json", "print one JSON document")
-
-
-def _declare_timebase(parser: Parser) -> None:
-    parser.add_argument("--sample-rate", metavar="HZ", type=float, help="sample rate, if the file has no time column")
-    parser.add_argument("--time", metavar="COLUMN", dest="time_column", help="time column, such as 'time [ms]'")
-    parser.add_argument(
-        "--samples-per-period",
-        metavar="COUNT",
-        dest="samples_per_period",
-        type=int,
-        help="samples per period of the excitation",
-    )
-    parser.add_argument("--period-time", metavar="SECONDS", type=float, help="period of the excitation")
-    parser.add_argument(
-        "--frequency",
-        metavar="COLUMN",
-        dest="frequency_column",
-        help="column with the excitation frequency of a stepped sine",
-    )
-    parser.add_argument(
-        "--max-phase-slip", metavar="PERIODS", type=float,
-        help="greatest phase slip of a block of whole periods, in periods (default: 0.001)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--aperiodic", action="store_const", const=False, dest="periodic", help="the excitation is not periodic"
-    )
-    parser.add_argument(
-        "--skip-periods", metavar="COUNT", dest="skip_periods", type=int, help="number of periods to skip at the start"
-    )
-    parser.add_argument("--skip-time", metavar="SECONDS", type=float, help="time to skip at the start")
-    parser.add_argument(
-        "--resample", metavar="METHOD", choices=("cubic", "linear"),
-        help="interpolate between uneven time stamps, or channels of several sample rates: cubic or linear",
-    )  # fmt: skip
-    parser.add_argument("--start-time", metavar="SECONDS", type=float, help="begin so long after the first sample")
-    parser.add_argument("--end-time", metavar="SECONDS", type=float, help="end so long after the first sample")
-
-
-def _declare_segments(parser: Parser) -> None:
-    parser.add_argument(
-        "--level", metavar="NAME", dest="levels", action="append", type=_placeholder_value, default=[],
-        help="value of {level} in column names, file names or --select; several levels are compared",
-    )  # fmt: skip
-    parser.add_argument(
-        "--realisation", metavar="NAME", dest="realisations", action="append", type=_placeholder_value,
-        help="value of {realisation} in column or file names; several realisations are averaged",
-    )  # fmt: skip
-    parser.add_argument(
-        "--periods", metavar="COUNT", dest="periods_per_realisation", type=int,
-        help="periods per realisation, if several realisations follow one another in the record",
-    )  # fmt: skip
-    parser.add_argument(
-        "--select", metavar="COLUMN=NUMBER", dest="select", help="use only these samples, such as amplitude=12"
-    )
-    parser.add_argument(
-        "--segment",
-        metavar="COLUMN",
-        dest="segment_column",
-        help="column with the number of the realisation; 0 between realisations",
-    )
-    parser.add_argument(
-        "--join-files", action="store_const", const=True, help="take the FILEs as channels of one record"
-    )
-    _switch(parser, "--separate-files", "treat each FILE as a separate experiment")
-
-
-def _declare_lines(parser: Parser) -> None:
-    parser.add_argument(
-        "--input", metavar="NAME", dest="line_channel", help="channel in which the excited lines are detected"
-    )
-    parser.add_argument("--min-frequency", metavar="HZ", type=float, help="lowest excited frequency")
-    parser.add_argument("--max-frequency", metavar="HZ", type=float, help="highest excited frequency")
-    parser.add_argument(
-        "--harmonic-step", metavar="COUNT", type=int,
-        help="step between excited harmonics, from --min-frequency to --max-frequency",
-    )  # fmt: skip
-    parser.add_argument(
-        "--harmonics", metavar="N,...", dest="harmonics", type=_harmonics, help="excited harmonics, such as 1,3,7-15"
-    )
+
+def _set(metavar: str, meaning: str) -> Option:
+    return _repeated(f"--set {metavar}", "overrides", meaning)
+
+
+def _estimator(purpose: str) -> Option:
+    return _option("--estimator NAME", f"estimator that {purpose} (default: the only one)", default="")
+
+
+def _output(meaning: str) -> Option:
+    return _option("-o --output FILE", meaning, type=Path, required=True)
+
+
+def _list_parser(parse: Callable[[str], list[Any]], expected: str) -> Callable[[str], list[Any]]:
+    """Return the parser of an option whose value is a list of numbers above 0."""
+
+    def parse_list(text: str) -> list[Any]:
+        with suppress(ValueError):
+            found = [number for part in text.split(",") for number in parse(part)]
+            if found and all(0 < number < float("inf") for number in found):
+                return found
+        raise argparse.ArgumentTypeError(f"'{text}' is invalid; expected {expected}")
+
+    return parse_list
+
+
+def _harmonics(text: str) -> list[int]:
+    first, _, last = text.partition("-")
+    return list(range(int(first), int(last or first) + 1))
 
 
 def _placeholder_value(text: str) -> int | float | str:
@@ -414,50 +88,375 @@ def _placeholder_value(text: str) -> int | float | str:
     return text
 
 
-def _harmonics(text: str) -> list[int]:
-    found: list[int] = []
-    try:
-        for part in text.split(","):
-            first, _, last = part.partition("-")
-            found += range(int(first), int(last or first) + 1)
-    except ValueError:
-        found = []
-    if not found or min(found) < 1:
-        raise argparse.ArgumentTypeError(f"'{text}' is invalid; expected harmonics such as 1,3,7-15")
-    return found
+COMMON_OPTIONS = (
+    _option(
+        "--db URL", "database: a file, or postgresql://user@host/base (default: $FRAEXP_DB, or WORKSPACE/results.db)"
+    ),
+    _option("--workspace DIR", "folder with plugins/ and studies/ (default: here)", type=Path),
+    _switch("--debug", "show the traceback if an error occurs"),
+)
+"""Options of every command."""
 
+KINDS = ("friction", "plant", "controller", "excitation", "estimator", "reader", "machine")
+"""Kinds of component."""
+ID_HELP = "a run number, a study name (its newest run), or the beginning of a sweep key"
+STUDY_HELP = "study file (TOML) or study name, with [limits]"
+IDS = _option("ids ID", ID_HELP, nargs="+")
+JSON = _switch("--json", "print one JSON document")
+ALL = _switch("--all", "on a terminal, show every sweep instead of quantiles over the sweeps")
+FORCE = _switch("--force", "overwrite an existing file")
+FILTER = _option(
+    "--filter FILTER",
+    "only the sweeps that match a filter, as in fraexp list: 'estimator=effective_input tag:baseline'",
+)
 
-def _plugins(parser: Parser) -> None:
-    parser.add_argument("name", metavar="NAME", nargs="?", help="component to describe in full (default: list all)")
-    _json(parser)
+RECORD_OPTIONS = (
+    _option(
+        "--unit UNIT",
+        "unit of a response that was measured elsewhere, such as mm/N: its channels are frequency, magnitude and "
+        "phase, or real and imaginary",
+    ),
+    _option("--input-amplitude VALUE", "amplitude of its input, such as '12 N'"),
+    _option("--averages COUNT", "number of averages behind its coherence", type=int),
+    _option("--sample-rate HZ", "sample rate, if the file has no time column", type=float),
+    _option("--time COLUMN", "time column, such as 'time [ms]'", dest="time_column"),
+    _option("--samples-per-period COUNT", "samples per period of the excitation", type=int),
+    _option("--period-time SECONDS", "period of the excitation", type=float),
+    _option("--frequency COLUMN", "column with the excitation frequency of a stepped sine", dest="frequency_column"),
+    _option(
+        "--max-phase-slip PERIODS",
+        "greatest phase slip of a block of whole periods, in periods (default: 0.001)",
+        type=float,
+    ),
+    _option("--aperiodic", "the excitation is not periodic", action="store_const", const=False, dest="periodic"),
+    _option("--skip-periods COUNT", "number of periods to skip at the start", type=int),
+    _option("--skip-time SECONDS", "time to skip at the start", type=float),
+    _option(
+        "--resample METHOD",
+        "interpolate between uneven time stamps, or channels of several sample rates: cubic or linear",
+        choices=("cubic", "linear"),
+    ),
+    _option("--start-time SECONDS", "begin so long after the first sample", type=float),
+    _option("--end-time SECONDS", "end so long after the first sample", type=float),
+    _repeated(
+        "--realisation NAME",
+        "realisations",
+        "value of {realisation} in column or file names; several realisations are averaged",
+        default=None,
+        type=_placeholder_value,
+    ),
+    _option(
+        "--periods COUNT",
+        "periods per realisation, if several realisations follow one another in the record",
+        dest="periods_per_realisation",
+        type=int,
+    ),
+    _option("--select COLUMN=NUMBER", "use only these samples, such as amplitude=12"),
+    _option(
+        "--segment COLUMN", "column with the number of the realisation; 0 between realisations", dest="segment_column"
+    ),
+    _option("--join-files", "take the FILEs as channels of one record", action="store_const", const=True),
+    _option("--input NAME", "channel in which the excited lines are detected", dest="line_channel"),
+    _option("--min-frequency HZ", "lowest excited frequency", type=float),
+    _option("--max-frequency HZ", "highest excited frequency", type=float),
+    _option(
+        "--harmonic-step COUNT", "step between excited harmonics, from --min-frequency to --max-frequency", type=int
+    ),
+    _option(
+        "--harmonics N,...",
+        "excited harmonics, such as 1,3,7-15",
+        type=_list_parser(_harmonics, "harmonics such as 1,3,7-15"),
+    ),
+)
+"""Options of ``fraexp import`` that are keys of a study's section ``[record]``."""
 
-
-DECLARE = {
-    "run": _run,
-    "measure": _measure,
-    "excite": _excite,
-    "stop": _stop,
-    "list": _list,
-    "show": _show,
-    "compare": _compare,
-    "plot": _plot,
-    "fit": _fit,
-    "tune": _tune,
-    "design": _design,
-    "report": _report,
-    "export": _export,
-    "import": _import,
-    "plugins": _plugins,
-    "new": _new,
-    "check": _check,
-    "tag": _tag,
-    "note": _note,
-    "delete": _delete,
-    "undelete": _undelete,
-    "merge": _merge,
-    "restore": _restore,
-    "tui": lambda parser: None,  # those of every command
-    "serve": _serve,
-    "doctor": _json,
+COMMANDS = {
+    "run": _command(
+        "run",
+        "compute the sweeps of studies that the database lacks",
+        _option("study STUDY", "study file (TOML), study name, or folder of studies", nargs="+"),
+        _option(
+            "--executor NAME",
+            "serial, processes[:N] or dask:ADDRESS (default: all cores, or one process where that is faster)",
+        ),
+        _set("PATH=VALUE", "override a value of the study, such as loop.divergence_limit=10mm"),
+        _switch("--dry-run", "show what would be computed, why, and how long it would take"),
+        _option("--time-limit TIME", "time limit of each sweep: 60, 90s, 5min or none (default: 1h)"),
+        _option(
+            "--database-timeout TIME",
+            "time for which the run waits for a database that is unavailable: 90s, 5min or none (default: 1h)",
+        ),
+        _option("--memory-limit SIZE", "memory limit of each worker process, such as 2GB (default: none)"),
+        _option(
+            "--rerun",
+            "compute stored sweeps again: stale (a plugin has changed since), unusable (without a usable result), all",
+            choices=("stale", "unusable", "all"),
+        ),
+        _switch("--detach", "run in the background with a log file; see fraexp stop"),
+        JSON,
+    ),
+    "stop": _command(
+        "stop",
+        "stop a run; finished sweeps are kept",
+        _option("run RUN", "a run number", type=int),
+        _switch("--kill", "kill its processes at once; stored results are kept"),
+    ),
+    "list": _command(
+        "list",
+        "list runs, studies, or the sweeps that match a filter",
+        _option(
+            "filter FILTER",
+            "list the sweeps that match all terms, such as estimator=effective_input 'excitation.amplitude>=12' "
+            "state:unusable tag:baseline; quote names and texts that contain spaces: 'metric.\"peak force\">14N'",
+            nargs="*",
+        ),
+        _switch("--studies", "list the studies, and what running them would compute"),
+        _switch("--sweeps", "list all sweeps, as an empty filter does"),
+        _option(
+            "--sort FIELD",
+            "field to sort by, of sweeps or of runs; -FIELD sorts in descending order (default: newest first)",
+            default="",
+        ),
+        _option("--limit COUNT", "maximum number of sweeps to list (default: 100)", type=int, default=100),
+        _option("--offset COUNT", "number of sweeps to skip at the start (default: 0)", type=int, default=0),
+        JSON,
+    ),
+    "show": _command(
+        "show",
+        "show a run, or one sweep with its parameters and results",
+        _option("id ID", ID_HELP),
+        _switch("--points", "show every frequency of the response"),
+        _option(
+            "--controller STUDY",
+            "study or machine (machines/NAME) whose controller closes the loop around a measured response",
+        ),
+        ALL,
+        JSON,
+    ),
+    "compare": _command(
+        "compare",
+        "compare sweeps: parameters, metrics and frequency responses",
+        _option("ids ID", f"{ID_HELP}; the first is the reference", nargs="*"),
+        FILTER,
+        _option(
+            "--against WHAT",
+            "reference: the first sweep, or the simulated plant P(jω) of each response (default: first)",
+            choices=("first", "plant"),
+            default="first",
+        ),
+        _option(
+            "--frequencies HZ,...",
+            "frequencies [Hz] at which errors against the plant are shown, such as 5,39,80",
+            type=_list_parser(lambda part: [float(part)], "frequencies [Hz] above 0, such as 5,39,80"),
+        ),
+        ALL,
+        JSON,
+    ),
+    "plot": _command(
+        "plot",
+        "plot a run or sweeps to a figure file",
+        _option("ids ID", ID_HELP, nargs="*"),
+        FILTER,
+        _option("-o --output FILE", "figure to write: .png, .svg or .pdf", type=Path),
+        _switch("--terminal", "draw a figure into the terminal, in braille"),
+        _option("--title", "title of the figure", default=""),
+        _option(
+            "--kind KIND",
+            f"kind of figure: {', '.join(FIGURES)} (default: chosen from the results)",
+            choices=FIGURES,
+            default="",
+        ),
+        _option("--frequency-range LOW:HIGH", "frequency range [Hz] to show, such as 4.5:45", default=""),
+        _switch("--wrap-phase", "wrap the phase of a Bode plot to ±180 degrees"),
+        _option(
+            "--group-by LABEL",
+            "labels that separate the colours, such as estimator; curves that differ in others share one "
+            "(default: all labels; without a label, one group)",
+            nargs="*",
+        ),
+    ),
+    "fit": _command(
+        "fit",
+        "fit a plant model to stored frequency responses",
+        IDS,
+        _set("PARAMETER=VALUE", "set a parameter of the fit, such as modes=2 or max_frequency=150"),
+        _estimator("fits the plant"),
+        JSON,
+    ),
+    "tune": _command(
+        "fit",
+        "tune the feedback for stored frequency responses, with margins for all plants of their band",
+        IDS,
+        _set("PARAMETER=VALUE", "set a parameter of the tuning, such as integral_action=false or modulus_margin=0.6"),
+        _estimator("tunes the feedback"),
+        JSON,
+    ),
+    "design": _command(
+        "fit",
+        "choose the sines that tell most in a given measuring time, and write their study",
+        IDS,
+        _output("study to write (.toml)"),
+        _set("PARAMETER=VALUE", "set a parameter of the design, such as measuring_time=120 or amplitudes=[8,12]"),
+        _estimator("designs the excitation"),
+        _switch("--force", "overwrite another study"),
+        JSON,
+    ),
+    "report": _command(
+        "report",
+        "write an HTML report of runs",
+        _option(
+            "ids ID",
+            "a run number, a study name (its newest run), or a folder of studies (the newest run of each)",
+            nargs="+",
+        ),
+        _output("report to write (.html)"),
+        _option("--title", "title of the report", default=""),
+        _switch("--force", "overwrite a file that is not a fraexp report"),
+    ),
+    "export": _command(
+        "export",
+        "export the result of a sweep to CSV, JSON, MAT, HDF5 or UNV, or a controller to C or ST",
+        _option("id ID", ID_HELP),
+        _output(
+            "file to write: .csv, .json, .mat, .h5 or .unv; .c, .h (C99) or .st (Structured Text) for a controller"
+        ),
+        _switch("--single", "code in single precision instead of double"),
+        FORCE,
+    ),
+    "import": _command(
+        "import_record",
+        "analyse a measured record, or list its contents",
+        _option(
+            "files FILE",
+            "measured record or response: .csv, .txt, .mat, .h5, .npz, .uff, .xml, .tdms, .mf4, .mcap, .parquet; "
+            "several files are realisations of one experiment",
+            type=Path,
+            nargs="+",
+        ),
+        _repeated(
+            "--channel NAME=COLUMN",
+            "channels",
+            "define a channel, such as u=force, 'y=position [mm]' or 'u=(volts - 2.5) * 31.5 [N]'; the first is "
+            "the input, the second the output; without --channel, list the contents of the file",
+        ),
+        *RECORD_OPTIONS,
+        _repeated(
+            "--level NAME",
+            "levels",
+            "value of {level} in column names, file names or --select; several levels are compared",
+            type=_placeholder_value,
+        ),
+        _switch("--separate-files", "treat each FILE as a separate experiment"),
+        _repeated(
+            "--integrate NAME[=TIMES]",
+            "integrate",
+            "integrate a channel over time, such as y=2 for acceleration to displacement; negative: differentiate",
+        ),
+        _repeated(
+            "--estimator NAME",
+            "estimators",
+            "estimator (default: conventional); repeat it to compare several; see fraexp plugins",
+        ),
+        _set("PATH=VALUE", "set a parameter of the estimator, such as estimator.order=2"),
+        _option("--study FILE", "study file to write (default: studies/FILE.toml)", type=Path),
+        JSON,
+    ),
+    "measure": _command(
+        "measure",
+        "play the excitation of a study on a machine, and analyse what it records",
+        _option("study STUDY", f"{STUDY_HELP} and [measurement]"),
+        _set("PATH=VALUE", "override a value of the study, such as measurement.band=0.1"),
+        _switch("--dry-run", "show the points, their durations and the predicted motion; play nothing"),
+        _switch(
+            "--autonomous",
+            "of the study take sample time, limits and machine alone, and find plant and friction in stages",
+        ),
+        _switch("--fresh", "measure anew: discard what an earlier measurement of the study recorded"),
+        _switch("--trust-program", "let the study's machine run its program, or reach its controller, unasked"),
+        JSON,
+    ),
+    "excite": _command(
+        "measure:excite",
+        "write the excitation of a study to a file that a machine can play",
+        _option("study STUDY", STUDY_HELP),
+        _output("file to write: .csv, .mat, .h5, .wav, .h (C) or .st (Structured Text)"),
+        _set("PATH=VALUE", "override a value of the study, such as excitation.amplitude=20"),
+        _option(
+            "--record FILE",
+            "name of the record that will come back (default: that of the output, with -record, as .csv)",
+            type=Path,
+        ),
+        FORCE,
+    ),
+    "plugins": _command(
+        "plugins",
+        "list the available components, and plugins that failed to load",
+        _option("name NAME", "component to describe in full (default: list all)", nargs="?"),
+        JSON,
+    ),
+    "new": _command(
+        "new",
+        "create a plugin from a template: a file in plugins/, or a package",
+        _option("kind KIND", f"kind of component: {', '.join(KINDS)}", choices=KINDS),
+        _option("name NAME", "name of the component in studies, such as my_law"),
+        _switch("--package", "create an installable package with a test"),
+    ),
+    "check": _command(
+        "check",
+        "run the conformance checks of a plugin's components",
+        _option("name NAME", "name of a component, or the file of a plugin"),
+        _option("--kind KIND", "kind of component, if several share the name", choices=KINDS),
+        _switch("--quick", "test few examples, and do not compile"),
+        JSON,
+    ),
+    "tag": _command(
+        "annotations:tag_sweeps",
+        "add a tag to sweeps, or remove it",
+        _option("tag TAG", "the tag: one word"),
+        IDS,
+        _switch("--remove", "remove the tag"),
+    ),
+    "note": _command(
+        "annotations:note_sweep",
+        "attach a note to a sweep",
+        _option("id ID", "the beginning of a sweep key"),
+        _option("text TEXT", "the note; an empty text removes it"),
+    ),
+    "delete": _command(
+        "trash:delete",
+        "move runs or sweeps to the trash, with their results, or empty it",
+        _option(
+            "ids ID",
+            "a run number (its sweeps are deleted unless another run has them), or the beginning of a sweep key",
+            nargs="*",
+        ),
+        _switch("--purge", "empty the trash: delete for good what is in it"),
+        _switch("--yes", "do not ask for confirmation"),
+    ),
+    "undelete": _command(
+        "trash:undelete",
+        "bring runs or sweeps back from the trash",
+        _option("ids ID", "a run number, or the beginning of a sweep key (default: what was deleted last)", nargs="*"),
+    ),
+    "merge": _command(
+        "databases:merge",
+        "merge another database into this one",
+        _option("other OTHER", "database to read, a file or URL; its contents are added to the one of --db"),
+        JSON,
+    ),
+    "restore": _command(
+        "databases:restore",
+        "put a copy of a database in the place of this one, which is kept",
+        _option("copy COPY", "database file to copy; it is checked before"),
+    ),
+    "tui": _command("tui", "start the terminal UI: launch, watch and compare studies"),
+    "serve": _command(
+        "tui:serve",
+        "serve the terminal UI to a web browser",
+        _option("--port PORT", "port (default: 8000)", type=int, default=8000),
+        _option("--host ADDRESS", "address to listen on (default: this machine only)", default="127.0.0.1"),
+        _switch("--remote", "allow an address that other machines can reach; requires --token"),
+        _option("--token TEXT", "token that the browser must present (default: a random one)", default=""),
+    ),
+    "doctor": _command("doctor", "check the installation, the database, the plugins and the numerics", JSON),
 }
-"""What declares the options of each command."""

@@ -1,4 +1,4 @@
-"""``fraexp tui``: the terminal UI."""
+"""``fraexp tui`` and ``fraexp serve``: the terminal UI, here or in a browser."""
 
 import os
 import sys
@@ -25,3 +25,14 @@ def execute(arguments: Namespace) -> ExitCode:
 
 def _is_served() -> bool:
     return "TEXTUAL_DRIVER" in os.environ  # by fraexp serve, to a browser
+
+
+def serve(arguments: Namespace) -> ExitCode:
+    """Serve the terminal UI to browsers until interrupted."""
+    from fraexp.tui.services import browser_server
+
+    folder = WorkspaceFolder.open(arguments.workspace, arguments.db)
+    os.environ.update(folder.location_environment())  # which the sessions inherit
+    command = [sys.executable, "-m", "fraexp", "tui", *folder.location_options()]
+    browser_server.serve(command, arguments.host, arguments.port, arguments.remote, arguments.token)
+    return ExitCode.OK

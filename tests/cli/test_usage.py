@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from fraexp.cli.arguments import COMMANDS
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from fraexp.cli.options import COMMANDS
 from tests.cli.conftest import Command
 from tests.waiting import HANG_TIMEOUT_S
 
@@ -61,7 +61,7 @@ def test_help_documents_every_command_and_exit_code(capsys: pytest.CaptureFixtur
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_has_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([command, "--help"]) == ExitCode.OK
-    assert COMMANDS[command][1][1:] in " ".join(capsys.readouterr().out.split())
+    assert COMMANDS[command].summary[1:] in " ".join(capsys.readouterr().out.split())
 
 
 def test_common_options_may_stand_before_or_after_the_command(
@@ -107,7 +107,7 @@ def test_debug_shows_the_traceback(workspace: Path, capsys: pytest.CaptureFixtur
 def test_an_error_of_fraexp_itself_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(COMMANDS, "list", ("no_such_module", "list"))
+    monkeypatch.setitem(COMMANDS, "list", COMMANDS["list"]._replace(target="no_such_module"))
     assert main(["list"]) == ExitCode.INTERNAL
     error = capsys.readouterr().err
     assert error.startswith("fraexp: internal error: ModuleNotFoundError: ")

@@ -11,8 +11,8 @@ from types import ModuleType
 
 import pytest
 
-from fraexp.cli.arguments import COMMANDS
 from fraexp.cli.exits import ExitCode
+from fraexp.cli.options import COMMANDS
 from fraexp.components.registry import Registry
 from fraexp.data.results import Outcome
 from fraexp.study.study_file import KEYS

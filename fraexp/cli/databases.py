@@ -1,4 +1,4 @@
-"""``fraexp merge``: another database merged into this one."""
+"""``fraexp merge`` and ``fraexp restore``: another database merged into this one, or a copy put in its place."""
 
 import sys
 import time
@@ -22,7 +22,7 @@ PROGRESS_INTERVAL_S = 2.0
 MAX_SHOWN_CONFLICTS = 20
 
 
-def execute(arguments: Namespace) -> ExitCode:
+def merge(arguments: Namespace) -> ExitCode:
     """Merge the other database, and print what was added and what conflicts."""
     workspace = workspace_folder(arguments)
     source = replace(workspace, database=arguments.other)
@@ -100,3 +100,15 @@ def _added_counts(merged: MergeSummary) -> list[str]:
         (merged.notes, "note"),
     ]
     return [f"{plural(count, word)} added" for count, word in counts if count]
+
+
+def restore(arguments: Namespace) -> ExitCode:
+    """Restore the database, and print what it contains and where the earlier one is."""
+    workspace = workspace_folder(arguments)
+    aside = workspace.restore_database(arguments.copy)
+    with workspace.open_store() as store:
+        contents = f"{plural(len(store.runs()), 'run')} and {plural(store.page(limit=0).total, 'sweep')}"
+    say(f"{masked_url(workspace.database)}: a copy of {masked_url(arguments.copy)}, with {contents}")
+    if aside:
+        say(f"the earlier database is {aside}")
+    return ExitCode.OK

@@ -1,4 +1,4 @@
-"""``fraexp tag``: a tag added to sweeps, or removed."""
+"""``fraexp tag`` and ``fraexp note``: tags on sweeps, and a note on one."""
 
 import shlex
 from argparse import Namespace
@@ -6,15 +6,24 @@ from argparse import Namespace
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import say
 from fraexp.cli.sweep_lookup import choose_sweeps, location_options, workspace_folder
-from fraexp.views.words import plural
+from fraexp.views.words import plural, short_key
 
 
-def execute(arguments: Namespace) -> ExitCode:
-    """Change the tags of sweeps."""
+def tag_sweeps(arguments: Namespace) -> ExitCode:
+    """Add a tag to sweeps, or remove it."""
     with workspace_folder(arguments).open_store("write") as store:
         keys = [sweep.key for sweep in choose_sweeps(store, arguments.ids)]
         (store.untag if arguments.remove else store.tag)(keys, arguments.tag)
     done = "no longer tagged" if arguments.remove else "tagged"
     listing = f"fraexp list {shlex.quote(f'tag:{arguments.tag}')}{location_options(arguments)}"
     say(f"{plural(len(keys), 'sweep')} {done} {arguments.tag}; {listing} lists all with this tag")
+    return ExitCode.OK
+
+
+def note_sweep(arguments: Namespace) -> ExitCode:
+    """Change the note of a sweep."""
+    with workspace_folder(arguments).open_store("write") as store:
+        key = store.find(arguments.id).key
+        store.annotate(key, arguments.text)
+    say(f"note {'saved on' if arguments.text.strip() else 'removed from'} sweep {short_key(key)}")
     return ExitCode.OK
