@@ -197,9 +197,7 @@ def _print_differences(
     registry: Registry,
 ) -> None:
     keys = [short_key(sweep.key) for sweep in sweeps]
-    units = label_units(
-        ((sweep.labels, sweep.experiment | {"estimator": sweep.estimator}) for sweep in sweeps), registry
-    )
+    units = label_units(((sweep.labels, sweep.sections) for sweep in sweeps), registry)
     names = dict(zip(keys, curve_names([sweep.labels for sweep in sweeps], [""] * len(sweeps), units), strict=True))
     title = f"responses against {keys[0]}" + (f" ({names[keys[0]]})" if names[keys[0]] else "")
     columns = ["sweep", "name", "max [dB]", "at [Hz]", "rms [dB]", "max [deg]", "at [Hz]", "rms [deg]", "points"]

@@ -15,6 +15,14 @@ def run_document(run: RunSummary) -> dict[str, Any]:
     return document
 
 
+def listed_document(sweep: StoredSweep) -> dict[str, Any]:
+    """Return what a listing shows of a sweep, with the names of its components instead of their parameters."""
+    document: dict[str, Any] = json_value(asdict(sweep))
+    names = {kind: sweep.component(kind) for kind in ("estimator", "friction", "plant", "controller", "excitation")}
+    del document["experiment"], document["sources"]
+    return {**document, **names, "source": sweep.experiment.get("source")}
+
+
 def sweep_document(sweep: StoredSweep, result: Result | None, points: bool = True) -> dict[str, Any]:
     """Return a sweep with its metrics and, with `points`, its response."""
     document: dict[str, Any] = json_value(asdict(sweep))

@@ -2,10 +2,9 @@
 
 from argparse import Namespace
 from collections.abc import Callable
-from dataclasses import asdict
 from typing import Any
 
-from fraexp.cli.documents import run_document
+from fraexp.cli.documents import listed_document, run_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_json, print_table, say
 from fraexp.cli.sweep_lookup import workspace_folder
@@ -86,9 +85,8 @@ def _list_sweeps(arguments: Namespace) -> None:
         order = complete_field(arguments.sort, store.fields()) if arguments.sort else "-created"
         page = store.page(wanted, order, arguments.offset, arguments.limit, _asked_run(store, wanted))
     if arguments.json:
-        print_json(
-            {"total": page.total, "offset": arguments.offset, "sweeps": [json_value(asdict(of)) for of in page.rows]}
-        )
+        sweeps = [listed_document(of) for of in page.rows]
+        print_json({"total": page.total, "offset": arguments.offset, "sweeps": sweeps})
         return
     columns = listing_columns(page.rows, one_run=False, running={}, registry=folder.registry if page.rows else None)
     rows = [[column.cells[index] for column in columns] for index in range(len(page.rows))]

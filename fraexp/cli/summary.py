@@ -52,7 +52,7 @@ def needs_summary(count: int) -> bool:
 
 def print_summary(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], registry: Registry) -> None:
     """Print the outcomes of many sweeps, and quantiles of their labels, magnitudes and metrics."""
-    sections = ((sweep.labels, sweep.experiment | {"estimator": sweep.estimator}) for sweep in sweeps)
+    sections = ((sweep.labels, sweep.sections) for sweep in sweeps)
     units = label_units(sections, registry)
     outcomes = [outcome_text(sweep) or sweep.state for sweep in sweeps]
     columns = label_columns([sweep.labels for sweep in sweeps])

@@ -63,6 +63,11 @@ class Sweep:
         self.experiment_key = f"{TAG}-{digest.hex()}"
         self.key = f"{TAG}-{hash_bytes(digest + section_digest(self.estimator)).hex()}"
 
+    @property
+    def sections(self) -> dict[str, Any]:
+        """Experiment and estimator as one table."""
+        return {**self.experiment, "estimator": self.estimator}
+
 
 def experiment_key(experiment: Plain) -> str:
     """Return the key of an experiment: the hash of its sections' names and hashes."""

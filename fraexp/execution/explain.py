@@ -122,7 +122,7 @@ def _compare_with_run(
             return
         groups[tuple(differing)].append((sweep, nearest, differing))
     for paths, found in groups.items():
-        units = {path: unit_at(_sections(found[0][0]), path, registry) for path in paths}
+        units = {path: unit_at(found[0][0].sections, path, registry) for path in paths}
         texts = []
         for path in paths:
             values = [differing[path] for _, _, differing in found]
@@ -173,13 +173,13 @@ class _Nearest:
         ]
         best: tuple[StoredSweep | None, dict[str, tuple[Any, Any]]] = (None, {})
         for candidate in candidates or self._stored[:MAX_CANDIDATES]:
-            differing = dict(_differences(_sections(candidate), _sections(sweep)))
+            differing = dict(_differences(candidate.sections, sweep.sections))
             if best[0] is None or _distance(differing) < _distance(best[1]):
                 best = (candidate, differing)
         return best
 
     def _hashes_without_one(self, sweep: Sweep | StoredSweep) -> list[tuple[Any, ...]]:
-        hashes = [(name, section_digest(section)) for name, section in sorted(_sections(sweep).items())]
+        hashes = [(name, section_digest(section)) for name, section in sorted(sweep.sections.items())]
         return [(name, *hashes[:at], *hashes[at + 1 :]) for at, (name, _) in enumerate(hashes)]
 
 
@@ -192,10 +192,6 @@ def _relative_difference(now: Any, then: Any) -> float:
     if any(type(value) not in (int, float) for value in (now, then)):
         return 1.0
     return float(abs(now - then) / (max(abs(now), abs(then)) or 1))
-
-
-def _sections(sweep: Sweep | StoredSweep) -> dict[str, Any]:
-    return {**sweep.experiment, "estimator": sweep.estimator}
 
 
 def _differences(then: Plain, now: Plain, path: str = "") -> Iterator[tuple[str, tuple[Any, Any]]]:

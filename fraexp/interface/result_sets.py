@@ -159,7 +159,7 @@ class Results(Sequence[SweepResult]):
         return [columns[path] for path in columns if any(path in drawn_labels(of.labels) for of in results)]
 
     def _label_units(self, results: Sequence[SweepResult]) -> dict[str, str]:
-        pairs = ((of.labels, {**of.sweep.experiment, "estimator": of.sweep.estimator}) for of in results)
+        pairs = ((of.labels, of.sweep.sections) for of in results)
         return label_units(pairs, self._service.registry)
 
     def _attributes(self) -> dict[str, Any]:

@@ -82,7 +82,7 @@ def gather_chapter(
     results = store.results(sweep.key for sweep in sweeps)
     sweeps = mark_damaged(sweeps, results)
     study, notes = read_study(run, folder)
-    sections = [{**sweep.experiment, "estimator": sweep.estimator} for sweep in sweeps]
+    sections = [sweep.sections for sweep in sweeps]
     units = label_units(((of.labels, parts) for of, parts in zip(sweeps, sections, strict=True)), registry)
     compared = compare_published(study.published, sweeps, results)
     try:

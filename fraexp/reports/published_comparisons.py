@@ -33,17 +33,17 @@ def compare_run(
 
 def compare_sweep(store: Store, sweep: StoredSweep, result: Result, folder: Path) -> list[PublishedComparison]:
     """Return the published numbers that a sweep's latest run compares with this sweep."""
-    number = store.page(f"key={sweep.key}").rows[0].run
-    if number is None:
+    latest = store.find(sweep.key)
+    if latest.run is None:
         return []
-    published = read_study(store.run(number), folder)[0].published
+    published = read_study(store.run(latest.run), folder)[0].published
     return compare_published(
         [of for of in published if of.selects(_candidate(sweep, result))], [sweep], {sweep.key: result}
     )
 
 
 def _candidate(sweep: StoredSweep, result: Result) -> Candidate:
-    sections = {**sweep.experiment, "estimator": sweep.estimator}
+    sections = sweep.sections
     return Candidate(sweep.labels, sections, result.metrics, half_widths(result), result.outcome)
 
 

@@ -134,7 +134,7 @@ class StoredFigures:
 
         `by` are the labels that separate groups, see `group_sweeps`.
         """
-        units = label_units(((s.labels, {**s.experiment, "estimator": s.estimator}) for s in sweeps), self.registry)
+        units = label_units(((s.labels, s.sections) for s in sweeps), self.registry)
         labels, keys = [sweep.labels for sweep in sweeps], [sweep.key[4:12] for sweep in sweeps]
         spare = (
             keys

@@ -119,6 +119,20 @@ class StoredSweep:
     """Origin of each component used, by ``kind:name``."""
     tags: tuple[str, ...] = ()
     note: str = ""
+    run: int | None = None
+    """Number of that run; None for a sweep without a run."""
+    study: str | None = None
+    """Study of that run."""
+
+    @property
+    def sections(self) -> JsonTable:
+        """Experiment and estimator as one table."""
+        return {**self.experiment, "estimator": self.estimator}
+
+    def component(self, kind: str) -> str | None:
+        """Return the name of its component of a kind; None without one, and for those of several ports."""
+        spec = self.sections.get(kind)
+        return spec.get("name") if isinstance(spec, dict) else None
 
 
 def mark_damaged(sweeps: Iterable[StoredSweep], results: Mapping[str, Result]) -> list[StoredSweep]:
@@ -147,40 +161,10 @@ def leave_out_damaged(
 
 
 @dataclass(frozen=True)
-class ListedSweep:
-    """A sweep in a listing, as in the requested run, or in its latest one."""
-
-    key: str
-    labels: JsonTable
-    state: str
-    """``pending``, ``computed``, ``reused`` or ``failed``."""
-    outcome: Outcome | None
-    """None without a result."""
-    message: str
-    """Reason of a failed attempt; otherwise the message of the result."""
-    estimator: str | None
-    friction: str | None
-    plant: str | None
-    controller: str | None
-    excitation: str | None
-    source: str | None
-    """``loop``, ``drive`` or ``record``."""
-    elapsed: float
-    """Computing time of the result [s]; 0 without a result."""
-    created: datetime | None
-    """When the result was stored, in UTC."""
-    run: int | None
-    """Number of that run; None for a sweep without a run."""
-    study: str | None
-    tags: tuple[str, ...]
-    note: str
-
-
-@dataclass(frozen=True)
 class ListingPage:
     """A page of a listing."""
 
-    rows: tuple[ListedSweep, ...]
+    rows: tuple[StoredSweep, ...]
     total: int
     """Number of sweeps in the whole listing."""
 

@@ -202,7 +202,7 @@ def check(numbers: Sequence[PublishedNumber], sweeps: Sequence[Sweep], place: st
 
     Whether that sweep has the metric shows only when it has been computed.
     """
-    candidates = [Candidate(of.labels, {**of.experiment, "estimator": of.estimator}, ()) for of in sweeps]
+    candidates = [Candidate(of.labels, of.sections, ()) for of in sweeps]
     for index, one in enumerate(numbers, start=1):
         if not any(one.selects(of) for of in candidates):
             raise StudyError(f"{place}, [[published]] number {index}: {_why_none(one, candidates)}")

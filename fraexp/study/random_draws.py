@@ -182,7 +182,7 @@ def sample_sweeps(place: str, nominal: Sweep, draws: Draws, registry: Registry) 
 
     What was inherited from a section keeps the number that was not drawn: a machine differs from what is known of it.
     """
-    sections = {**nominal.experiment, "estimator": nominal.estimator}
+    sections = nominal.sections
     drawable = [key for key in sections if key in COMPONENT_KINDS or key in SETTINGS]
     concerned = tuple(dict.fromkeys(path.partition(".")[0] for path in draws.paths))
     strange = next((key for key in concerned if key not in drawable), None)

@@ -56,7 +56,7 @@ def with_all_labels(sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:
 
 def _label_value(sweep: StoredSweep, path: str) -> object:
     """Return the value of a sweep at the path of a label: a plain value, or the name of a component."""
-    value: object = {**sweep.experiment, "estimator": sweep.estimator}
+    value: object = sweep.sections
     for part in path.split("."):
         value = value.get(part) if isinstance(value, Mapping) else None
     return value.get("name") if isinstance(value, Mapping) else value
@@ -82,7 +82,7 @@ def fit_texts(result: Result | None) -> dict[str, str]:
 
 def parameter_values(sweep: StoredSweep) -> dict[str, Any]:
     """Return all parameters of a sweep by dotted path."""
-    return flatten({**sweep.experiment, "estimator": sweep.estimator})
+    return flatten(sweep.sections)
 
 
 def difference_rows(
@@ -137,7 +137,7 @@ def _parameter_row(path: str, row: Sequence[object], sweeps: Sequence[StoredSwee
 
 def _unit(sweep: StoredSweep, path: str, registry: Registry) -> str:
     try:
-        return unit_at({**sweep.experiment, "estimator": sweep.estimator}, path, registry)
+        return unit_at(sweep.sections, path, registry)
     except (ValueError, IndexError):  # the section of a record has a different structure
         return ""
 

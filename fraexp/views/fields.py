@@ -107,7 +107,7 @@ def sweep_fields(sweep: StoredSweep, registry: "Registry | None" = None) -> list
 def _units(sweep: StoredSweep, registry: "Registry") -> dict[str, str]:
     from fraexp.figures.elements.label_units import label_units  # it imports what reads studies: not for a list of runs
 
-    return label_units([(sweep.labels, sweep.experiment | {"estimator": sweep.estimator})], registry)
+    return label_units([(sweep.labels, sweep.sections)], registry)
 
 
 def sweep_labels(sweep: StoredSweep, registry: "Registry") -> list[str]:

@@ -4,8 +4,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
 
@@ -13,7 +12,7 @@ from fraexp.data.sweep import DRAW
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError, did_you_mean
 from fraexp.figures.elements.labels import label_columns, label_texts
-from fraexp.store import ListedSweep, StoredSweep
+from fraexp.store import StoredSweep
 from fraexp.views.words import duration_text, scale_values, short_key, with_unit
 
 if TYPE_CHECKING:
@@ -70,7 +69,7 @@ class Column:
 
 
 def listing_columns(
-    rows: Sequence[ListedSweep], *, one_run: bool, running: Mapping[str, float], registry: "Registry | None" = None
+    rows: Sequence[StoredSweep], *, one_run: bool, running: Mapping[str, float], registry: "Registry | None" = None
 ) -> list[Column]:
     """Return all columns with any content; `running` holds the finished fraction of running sweeps by key."""
     columns = [
@@ -118,7 +117,7 @@ def fit_columns(columns: Sequence[Column], width: int) -> list[tuple[Column, int
     ]
 
 
-def state_text(row: ListedSweep | StoredSweep, fraction: float | None = None) -> str:
+def state_text(row: StoredSweep, fraction: float | None = None) -> str:
     """Return the state of a sweep: its outcome, unless the attempt failed or is pending."""
     if fraction is not None:
         return f"running {100 * fraction:.0f} %"
@@ -148,36 +147,23 @@ def _column(title: str, cells: Sequence[str], order: str = "") -> Column:
     )
 
 
-def _study_text(row: ListedSweep) -> str:
+def _study_text(row: StoredSweep) -> str:
     return f"{row.study} {row.run}" if row.run is not None else ""
 
 
-def _component_texts(rows: Sequence[ListedSweep], kind: str) -> list[str]:
+def _component_texts(rows: Sequence[StoredSweep], kind: str) -> list[str]:
     """Return the name of a component, with the labels that distinguish it from others of its name."""
-    return label_texts([row.labels.get(kind) or getattr(row, kind) for row in rows])
+    return label_texts([row.labels.get(kind) or row.component(kind) for row in rows])
 
 
-def _units(rows: Sequence[ListedSweep], registry: "Registry") -> dict[str, str]:
+def _units(rows: Sequence[StoredSweep], registry: "Registry") -> dict[str, str]:
     """Return the units of labels by path, which the components declare."""
     from fraexp.figures.elements.label_units import label_units  # it imports what reads studies: not for a list of runs
 
-    return label_units(((row.labels, _sections(row)) for row in rows), registry)
+    return label_units(((row.labels, row.sections) for row in rows), registry)
 
 
-def _sections(row: ListedSweep) -> dict[str, Any]:
-    """Return the components of a sweep by their names, with the groups and lists in which its labels are."""
-    kinds = ("estimator", "friction", "plant", "controller", "excitation")
-    sections: dict[str, Any] = {kind: {"name": name} for kind in kinds if (name := getattr(row, kind))}
-    for path in row.labels:
-        place, parts = sections, path.split(".")
-        for part, following in pairwise(parts):
-            place = place.setdefault(part, [] if following.isdecimal() else {})
-            if not isinstance(place, dict):
-                break
-    return sections
-
-
-def _label_columns(rows: Sequence[ListedSweep], units: Mapping[str, str]) -> list[Column]:
+def _label_columns(rows: Sequence[StoredSweep], units: Mapping[str, str]) -> list[Column]:
     labels = [{path: value for path, value in row.labels.items() if path not in LABELS_WITH_COLUMN} for row in rows]
     columns = []
     for path, title in label_columns(labels).items():

@@ -20,9 +20,8 @@ class SourceState:
 
 def computing_and_latest_run(store: Store, sweep: StoredSweep) -> tuple[RunSummary | None, RunSummary | None]:
     """Return the run that computed a sweep, None if it was deleted, and the latest run that has the sweep."""
-    latest = store.page(f"key={sweep.key}", limit=1).rows
-    number = latest[0].run if latest else None
-    newest = store.run(number) if number is not None else None
+    latest = store.find_all([sweep.key]).get(sweep.key)
+    newest = store.run(latest.run) if latest and latest.run is not None else None
     if sweep.created is None:
         return None, newest
     for run in store.runs():

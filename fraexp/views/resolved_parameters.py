@@ -32,7 +32,7 @@ class ResolvedParameter:
 
 def resolved_parameters(sweep: StoredSweep, registry: Registry) -> list[ResolvedParameter]:
     """Return all parameters of a sweep in the order of its experiment, the estimator last."""
-    sections = {**sweep.experiment, "estimator": sweep.estimator}
+    sections = sweep.sections
     shown = flatten({**summarise_segments(sweep.experiment), "estimator": sweep.estimator})
     return [_resolve(path, value, sections, sweep, registry) for path, value in shown.items() if not _is_version(path)]
 

@@ -45,9 +45,7 @@ class TextTable(NamedTuple):
 def sweep_table(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], registry: Registry) -> TextTable:
     """Return a row for each sweep: labels, outcome, settled points, some magnitudes, metrics, message."""
     labels = label_columns([sweep.labels for sweep in sweeps])
-    units = label_units(
-        ((sweep.labels, sweep.experiment | {"estimator": sweep.estimator}) for sweep in sweeps), registry
-    )
+    units = label_units(((sweep.labels, sweep.sections) for sweep in sweeps), registry)
     scales = {path: column_unit([of.labels.get(path) for of in sweeps], units.get(path, "")) for path in labels}
     titles = [f"{title} [{scales[path][1]}]" if path in units else title for path, title in labels.items()]
     found = [results[sweep.key].response for sweep in sweeps if sweep.key in results]

@@ -15,7 +15,7 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Sweep
-from fraexp.store import ListedSweep, Store
+from fraexp.store import Store, StoredSweep
 from fraexp.views.listing import fit_columns, listing_columns
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.cli.conftest import ROOT
@@ -110,10 +110,15 @@ def test_headings_have_the_units_of_parameters_in_groups_and_lists():
         "friction.curve.characteristic_displacement": 4e-5,
         "plant.frequencies.0": 39,
     }
-    names = {"friction": "rolling", "plant": "modal", "controller": "pid", "excitation": "stepped_sine"}
-    row = ListedSweep(
-        key="fx2-0123456789abcdef", labels=labels, state="computed", outcome=Outcome.OK, message="", source="loop",
-        elapsed=0.5, created=None, run=7, study="bench", tags=(), note="", estimator="conventional", **names,
+    curve, frequencies = {"coulomb_force": 17.5, "characteristic_displacement": 4e-5}, [39.0]
+    experiment = {
+        "friction": {"name": "rolling", "curve": curve},
+        "plant": {"name": "modal", "frequencies": frequencies},
+        "excitation": {"name": "stepped_sine", "amplitude": 12.0},
+    }
+    row = StoredSweep(
+        "fx2-0123456789abcdef", experiment, {"name": "conventional"}, labels, Outcome.OK, "", 0.5, None, "computed",
+        run=7, study="bench",
     )  # fmt: skip
     registry = WorkspaceService.open(ROOT, None).registry
     columns = {of.title: of.cells for of in listing_columns([row], one_run=True, running={}, registry=registry)}

@@ -68,7 +68,7 @@ def test_results_runs_tags_and_notes_are_added_once(store, other, sweep, result,
     added = store.run(2)
     assert replace(added, number=1, heartbeat=None) == replace(other.run(theirs), heartbeat=None)
     assert [item.labels for item in store.sweeps(2)] == [{"a": 1}, {"a": 2}, {"a": 3}]
-    assert store.find(sweep(1).key) == other.find(sweep(1).key)
+    assert store.find(sweep(1).key) == replace(other.find(sweep(1).key), run=2)
     assert (store.find(sweep(1).key).note, store.tags()) == ("good", {"baseline": 2})
     assert store.log(sweep(2).key) == "the log"
     assert store.page("a>=2").total == store.page("metric.overshoot>1").total == 2

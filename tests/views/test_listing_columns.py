@@ -5,19 +5,19 @@ from datetime import UTC, datetime
 import pytest
 
 from fraexp.data.results import Outcome
-from fraexp.store import ListedSweep
+from fraexp.store import StoredSweep
 from fraexp.views.listing import fit_columns, listing_columns
 
 
-def listed(**changes) -> ListedSweep:
+def listed(**changes) -> StoredSweep:
     values = {
         "key": "fx1-0123456789abcdef", "labels": {"excitation.amplitude": 12.0, "loop.delay": 1.0}, "state": "computed",
-        "outcome": Outcome.NOT_SETTLED, "message": "1 of 30", "estimator": "proposed", "friction": "rolling",
-        "plant": "modal", "controller": "pid", "excitation": "stepped_sine", "source": "loop", "elapsed": 0.5,
+        "outcome": Outcome.NOT_SETTLED, "message": "1 of 30", "estimator": {"name": "proposed"},
+        "experiment": {"source": "loop", "friction": {"name": "rolling"}}, "elapsed": 0.5,
         "created": datetime(2026, 1, 31, 12, tzinfo=UTC), "run": 7, "study": "bench", "tags": ("good", "ours"),
         "note": "look at 80 Hz",
     }  # fmt: skip
-    return ListedSweep(**(values | changes))
+    return StoredSweep(**(values | changes))
 
 
 def test_columns_tell_what_sweeps_are():
@@ -46,7 +46,9 @@ def test_the_state_of_a_sweep_is_one_word(changes, running, text):
 
 
 def test_estimators_of_one_name_are_told_apart_by_what_differs():
-    rows = [listed(labels={"estimator": {"name": "local", "order": order}}, estimator="local") for order in (1, 2)]
+    rows = [
+        listed(labels={"estimator": {"name": "local", "order": order}}, estimator={"name": "local"}) for order in (1, 2)
+    ]
     columns = {of.title: of.cells for of in listing_columns(rows, one_run=True, running={})}
     assert columns["estimator"] == ("local (order 1)", "local (order 2)")
 

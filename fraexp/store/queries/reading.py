@@ -1,7 +1,7 @@
 """Queries of runs and sweeps; each takes a few statements for any number of sweeps."""
 
-from collections import defaultdict
-from collections.abc import Iterable
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 
@@ -30,6 +30,7 @@ from fraexp.store.tables import (
     IN_RUNS,
     PARTS,
     STANDING_LATEST,
+    STANDING_REPEATED,
     WITHOUT_RUN,
     Expression,
     Query,
@@ -143,7 +144,7 @@ def read_sweeps(connection: Connection, number: int) -> list[StoredSweep]:
     )
     lost = select(run_sweep.c.position, run_sweep.c.key).where(run_sweep.c.run == number)
     for row in connection.execute(lost) if len(found) < _count_sweeps(connection, number) else ():
-        found.setdefault(row.position, damaged_sweep(str(row.key)))
+        found.setdefault(row.position, damaged_sweep(str(row.key), number))
     return [found[position] for position in sorted(found)]
 
 
@@ -166,25 +167,37 @@ def find_sweep(connection: Connection, prefix: str) -> StoredSweep:
     if len(keys) > 1:
         some = ", ".join(keys[:3]) + (", ..." if len(keys) > 3 else "")
         raise StoreError(f"several sweeps' keys start with '{prefix}': {some}; give more characters")
-    latest = _listing_query(run_sweep.c.standing == STANDING_LATEST).where(sweep.c.key == keys[0]).limit(2)
-    found = read_tolerantly(lambda _: {keys[0]: _stored_sweeps(connection, latest)}, keys).get(keys[0], [])
-    return found[0][1] if len(found) == 1 else damaged_sweep(keys[0])
+    return read_listed(connection, keys)[0]
 
 
 def find_sweeps(connection: Connection, keys: Iterable[str]) -> dict[str, StoredSweep]:
     """Return the sweeps with these keys, as in their latest runs, in the order of the keys."""
     wanted = list(dict.fromkeys(keys))
-    latest = _listing_query(run_sweep.c.standing == STANDING_LATEST)
-    found = read_tolerantly(
-        lambda chunk: {of.key: of for _, of in _stored_sweeps(connection, latest.where(sweep.c.key.in_(chunk)))}, wanted
-    )
-    lost = [key for key in wanted if key not in found]
     known = {
         key
-        for chunk in key_chunks(lost)
+        for chunk in key_chunks(wanted)
         for key in connection.scalars(select(sweep.c.key).where(sweep.c.key.in_(chunk)))
     }
-    return {key: found.get(key) or damaged_sweep(key) for key in wanted if key in found or key in known}
+    return {of.key: of for of in read_listed(connection, [key for key in wanted if key in known])}
+
+
+def read_listed(connection: Connection, keys: Sequence[str], number: int | None = None) -> list[StoredSweep]:
+    """Return sweeps that exist in the order of their keys, as in a run, or in their latest ones.
+
+    One that cannot be read, or of which the run has several rows, is damaged.
+    """
+    of_run = run_sweep.c.standing == STANDING_LATEST
+    if number is not None:
+        of_run = and_(run_sweep.c.run == number, run_sweep.c.standing != STANDING_REPEATED)
+    query = _listing_query(of_run)
+
+    def read(chunk: list[str]) -> dict[str, StoredSweep]:
+        rows = [of for _, of in _stored_sweeps(connection, query.where(sweep.c.key.in_(chunk)))]
+        counts = Counter(of.key for of in rows)
+        return {of.key: of for of in rows if counts[of.key] == 1}
+
+    found = read_tolerantly(read, keys)
+    return [found.get(key) or damaged_sweep(key, number) for key in keys]
 
 
 def read_log(connection: Connection, key: str) -> str:
@@ -197,9 +210,10 @@ def read_log(connection: Connection, key: str) -> str:
     return text if log_digest(text) == stored else f"the stored log is damaged; {RESTORE_HINT}"
 
 
-def damaged_sweep(key: str) -> StoredSweep:
-    """Return what is shown instead of a damaged sweep."""
-    return StoredSweep(key, {}, {}, {}, Outcome.DAMAGED, DAMAGED, 0.0, None, "computed")
+def damaged_sweep(key: object, number: int | None = None) -> StoredSweep:
+    """Return what is shown instead of a damaged sweep; SQLite may hold even bytes where its key should be."""
+    name = key if isinstance(key, str) else f"key-{key!r}"
+    return StoredSweep(name, {}, {}, {}, Outcome.DAMAGED, DAMAGED, 0.0, None, "computed", run=number)
 
 
 def _listing_query(*conditions: Expression) -> Query:
@@ -228,20 +242,22 @@ def _stored_sweeps(connection: Connection, query: Query) -> list[tuple[int, Stor
     resolved = shared_sections.load_parts(connection, rows)
     tags, notes = annotations.tags_of_sweeps(connection, keys), annotations.notes_of_sweeps(connection, keys)
     origins = {key: of for chunk in key_chunks(keys) for key, of in read_origin_rows(connection, chunk).items()}
+    studies = read_studies(connection, {row["run"] for row in rows} - {None})
     found = []
     for row in rows:
         key = row["key"]
         own, of_tags, text = origins.get(key, []), tags.get(key, ()), notes.get(key, "")
-        is_sound = key in resolved and is_listing_sound(row, of_tags, text)
+        is_sound = key in resolved and _is_listing_sound(row, of_tags, text)
         if is_sound and origins_digest(key, own) == row["origins"]:
-            listed = check_types(_stored_sweep(row, *resolved[key], own, of_tags, text))
+            study = None if row["run"] is None else studies.get(row["run"], DAMAGED_RUN)
+            listed = check_types(_stored_sweep(row, *resolved[key], own, of_tags, text, study))
         else:
-            listed = damaged_sweep(key)
+            listed = damaged_sweep(key, row["run"])
         found.append((row["position"] or 0, listed))
     return found
 
 
-def is_listing_sound(row: RowMapping, tags: Iterable[str], note: str) -> bool:
+def _is_listing_sound(row: RowMapping, tags: Iterable[str], note: str) -> bool:
     """Return whether what a listing shows of a sweep and of its run is as it was stored."""
     if listed_digest(row) != row["digest"] or annotations_digest(row["key"], tags, note) != row["annotations"]:
         return False
@@ -260,6 +276,7 @@ def _stored_sweep(
     origins: Iterable[TableRow],
     tags: tuple[str, ...],
     note: str,
+    study: str | None,
 ) -> StoredSweep:
     return StoredSweep(
         key=row["key"],
@@ -277,6 +294,8 @@ def _stored_sweep(
         },
         tags=tags,
         note=note,
+        run=row["run"],
+        study=study,
     )
 
 

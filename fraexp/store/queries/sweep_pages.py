@@ -1,40 +1,33 @@
 """Pages of a listing of sweeps, which the database filters and sorts."""
 
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 
-from sqlalchemy import ColumnElement, Connection, FromClause, RowMapping, Table, and_, func, or_, select
+from sqlalchemy import ColumnElement, Connection, FromClause, Table, and_, func, or_, select
 from sqlalchemy.sql.visitors import iterate
 
-from fraexp.data.results import Outcome
 from fraexp.errors import FilterError, StoreError
-from fraexp.store.damage import DAMAGED, RESTORE_HINT, read_tolerantly
-from fraexp.store.digests import LISTED_COLUMNS
-from fraexp.store.queries import annotations
+from fraexp.store.damage import RESTORE_HINT
+from fraexp.store.queries import reading
 from fraexp.store.queries.filter_sql import SWEEP_COLUMNS, SWEEP_KEY, condition_sql, run_view, split_parameter
 from fraexp.store.queries.filters import parse_filter
 from fraexp.store.queries.json_sql import json_value, sorted_at, text_sorted_at
 from fraexp.store.queries.known_names import (
-    COMPONENT_COLUMNS,
     METRIC_PREFIX,
     KnownNames,
     UnitDeclarations,
     no_declared_units,
 )
-from fraexp.store.queries.reading import DAMAGED_RUN, is_listing_sound, read_studies
-from fraexp.store.stored_records import ListedSweep, ListingPage
+from fraexp.store.stored_records import ListingPage
 from fraexp.store.tables import (
     STANDING_LATEST,
     STANDING_REPEATED,
     Expression,
     Query,
-    RowValues,
     metric,
     part,
     sweep,
 )
-from fraexp.store.validation import check_types
 
 POSITION_ORDER, NEWEST_ORDER = "position", "-created"
 """Default orders: of a run's sweeps, and of all sweeps."""
@@ -112,7 +105,7 @@ def _checked_page(
     """Return the page of these sweeps; StoreError if an index has lost or doubled some of the `expected` ones."""
     if len(keys) != expected or len(set(keys)) != expected:
         raise _damaged_index_error()
-    return ListingPage(_read_rows(connection, keys, number), total)
+    return ListingPage(tuple(reading.read_listed(connection, keys, number)), total)
 
 
 def _page_keys(
@@ -211,59 +204,3 @@ def _joined_query(
 
 def _all_elements(*groups: Sequence[Expression]) -> Iterator[object]:
     return (element for group in groups for item in group for element in iterate(item))
-
-
-def _read_rows(connection: Connection, wanted: Sequence[str], number: int | None) -> tuple[ListedSweep, ...]:
-    found = read_tolerantly(lambda keys: _read_listed(connection, keys, number), wanted)
-    return tuple(found.get(key) or _damaged_row(key, number) for key in wanted)
-
-
-def _read_listed(connection: Connection, keys: list[str], number: int | None) -> dict[str, ListedSweep]:
-    """Return sweeps of a listing by key; those that are there twice in a run, or not at all, are missing."""
-    query = select(
-        *(sweep.c[name] for name in LISTED_COLUMNS),
-        *(sweep.c[name] for name in ("digest", "annotations", "in_runs")),
-        *(run_view.c[name] for name in ("run", "position", "labels", "state", "log_digest")),
-        run_view.c.key.label("run_key"),
-        run_view.c.message.label("failure"),
-        run_view.c.digest.label("run_digest"),
-    )
-    rows = connection.execute(_joined_query(query, [SWEEP_KEY.in_(keys)], [run_view.c.run], number)).mappings().all()
-    tags, notes = annotations.tags_of_sweeps(connection, keys), annotations.notes_of_sweeps(connection, keys)
-    counts = Counter(row["key"] for row in rows)
-    studies = read_studies(connection, {row["run"] for row in rows} - {None})
-    return {
-        row["key"]: _listed_sweep(row, studies, tags.get(row["key"], ()), notes.get(row["key"], ""))
-        for row in rows
-        if counts[row["key"]] == 1
-    }
-
-
-def _listed_sweep(row: RowMapping, studies: Mapping[int, str], tags: tuple[str, ...], note: str) -> ListedSweep:
-    if not is_listing_sound(row, tags, note):
-        return _damaged_row(row["key"], row["run"])
-    names: RowValues = {name: row[f"{name}_name"] for name in COMPONENT_COLUMNS}
-    listed = ListedSweep(
-        key=row["key"],
-        labels=row["labels"] or {},
-        state=row["state"] or "computed",
-        outcome=Outcome[row["outcome"]] if row["outcome"] else None,
-        message=row["failure"] or row["message"],
-        **names,
-        source=row["source"],
-        elapsed=row["elapsed"],
-        created=row["created"],
-        run=row["run"],
-        study=None if row["run"] is None else studies.get(row["run"], DAMAGED_RUN),
-        tags=tags,
-        note=note,
-    )
-    return check_types(listed)
-
-
-def _damaged_row(key: object, number: int | None) -> ListedSweep:
-    """Return what is shown instead of a damaged sweep; SQLite may hold even bytes where its key should be."""
-    unknown: RowValues = dict.fromkeys((*COMPONENT_COLUMNS, "source", "created", "study"))
-    values: RowValues = {"labels": {}, "state": "computed", "message": DAMAGED, "elapsed": 0.0, "tags": (), "note": ""}
-    name = key if isinstance(key, str) else f"key-{key!r}"
-    return ListedSweep(key=name, outcome=Outcome.DAMAGED, run=number, **unknown, **values)

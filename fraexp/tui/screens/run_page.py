@@ -19,7 +19,7 @@ from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
 from fraexp.execution import background
 from fraexp.execution.background import BackgroundRun
-from fraexp.store import ListedSweep, RunSummary, Store
+from fraexp.store import RunSummary, Store, StoredSweep
 from fraexp.study.study_file import find_studies
 from fraexp.tui.dialogs import ConfirmDialog, InputDialog
 from fraexp.tui.page import ACTION_GROUP, Page, shorten
@@ -107,9 +107,9 @@ def _interruption_text(run: RunSummary, is_stopping: bool) -> str:
     return "Its process ended before all sweeps were finished. R continues the run."
 
 
-def _failure_lines(rows: Sequence[ListedSweep], total: int) -> list[str]:
+def _failure_lines(rows: Sequence[StoredSweep], total: int) -> list[str]:
     """Return what failed and why, and the remedy, once for all of the latest failures of one reason."""
-    reasons: dict[tuple[str, str], list[ListedSweep]] = {}
+    reasons: dict[tuple[str, str], list[StoredSweep]] = {}
     for row in rows:
         remedy = (row.outcome or Outcome.ERROR).remedy(row.message)
         reasons.setdefault((state_text(row), remedy), []).append(row)
