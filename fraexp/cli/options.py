@@ -410,20 +410,20 @@ COMMANDS = {
         JSON,
     ),
     "tag": _command(
-        "annotations:tag_sweeps",
+        "tag:tag_sweeps",
         "add a tag to sweeps, or remove it",
         _option("tag TAG", "the tag: one word"),
         IDS,
         _switch("--remove", "remove the tag"),
     ),
     "note": _command(
-        "annotations:note_sweep",
+        "tag:note_sweep",
         "attach a note to a sweep",
         _option("id ID", "the beginning of a sweep key"),
         _option("text TEXT", "the note; an empty text removes it"),
     ),
     "delete": _command(
-        "trash:delete",
+        "delete:delete",
         "move runs or sweeps to the trash, with their results, or empty it",
         _option(
             "ids ID",
@@ -434,7 +434,7 @@ COMMANDS = {
         _switch("--yes", "do not ask for confirmation"),
     ),
     "undelete": _command(
-        "trash:undelete",
+        "delete:undelete",
         "bring runs or sweeps back from the trash",
         _option("ids ID", "a run number, or the beginning of a sweep key (default: what was deleted last)", nargs="*"),
     ),

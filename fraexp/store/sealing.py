@@ -13,6 +13,9 @@ from fraexp.store.digests import (
 )
 from fraexp.store.tables import (
     IN_RUNS,
+    STANDING_LATEST,
+    STANDING_OVERTAKEN,
+    STANDING_REPEATED,
     WITHOUT_RUN,
     Expression,
     Query,
@@ -31,11 +34,17 @@ DIGEST_RANGE = 2**32
 """Number of values of a digest; a damaged one may be larger, and must not let the sum overflow."""
 
 
-def seal_membership(connection: Connection, keys: Iterable[str]) -> None:
-    """Note whether a run has each of the sweeps."""
+def seal_places(connection: Connection, keys: Iterable[str]) -> None:
+    """Note whether a run has each of the sweeps, and which run of each is its latest one."""
     in_runs = case((sweep.c.key.in_(select(run_sweep.c.key)), IN_RUNS), else_=WITHOUT_RUN)
+    of = run_sweep.alias()
+    by_start = select(of.c.run).join(run, run.c.number == of.c.run).where(of.c.key == run_sweep.c.key)
+    latest = by_start.order_by(run.c.started.desc(), run.c.number.desc()).limit(1).scalar_subquery()
+    standing = case((run_sweep.c.run == latest, STANDING_LATEST), else_=STANDING_OVERTAKEN)
     for chunk in key_chunks(keys):
         connection.execute(update(sweep).where(sweep.c.key.in_(chunk)).values(in_runs=in_runs))
+        chosen = (run_sweep.c.key.in_(chunk), run_sweep.c.standing != STANDING_REPEATED)
+        connection.execute(update(run_sweep).where(*chosen).values(standing=standing))
 
 
 def seal_sound_runs(connection: Connection, numbers: Iterable[int]) -> None:

@@ -181,8 +181,12 @@ class Conflict:
     how: str
     """Description of the difference with both values; that of arrays is relative to their largest value."""
 
+    def joined(self, other: "Conflict") -> "Conflict":
+        """Return this finding with another one of the same sweep."""
+        return Conflict(self.key, (*self.what, *other.what), f"{self.how}; {other.how}")
 
-@dataclass(frozen=True)
+
+@dataclass
 class MergeSummary:
     """Result of merging a database into another one.
 
@@ -190,17 +194,17 @@ class MergeSummary:
     of ``runs``, ``known_runs``, ``run_conflicts`` and ``damaged_runs``.
     """
 
-    sweeps: int
+    sweeps: int = 0
     """Number of sweeps that were added, with or without a result."""
-    results: int
+    results: int = 0
     """Number of results that were added."""
-    same: int
+    same: int = 0
     """Number of results that both databases have."""
-    runs: int
+    runs: int = 0
     """Number of runs that were added."""
-    known_runs: int
+    known_runs: int = 0
     """Number of runs that both databases have."""
-    conflicts: tuple[Conflict, ...]
+    conflicts: tuple[Conflict, ...] = ()
     """Sweeps that differ; the target database keeps its own."""
     read: int = 0
     """Number of sweeps that were read."""

@@ -22,8 +22,7 @@ from fraexp.errors import FraexpError
 from fraexp.records import RecordSettings, resolve
 from fraexp.records.channels import parse_channel
 from fraexp.records.study_writer import ImportRequest, study_data, study_text
-from fraexp.store.queries.filters import parse_filter
-from fraexp.store.queries.json_sql import parse_number, parse_time_span
+from fraexp.store.queries.filters import parse_filter, parse_number, parse_time_span
 from fraexp.study import study_file
 from fraexp.study.published_values import PublishedNumber
 from fraexp.study.random_draws import Draws

@@ -69,15 +69,16 @@ def test_the_latest_deletion_is_undone_first(filled, sweep):
     assert (filled.undelete(), filled.health()) == (Deletion((), ()), "sound")
 
 
-def test_a_sweep_comes_back_without_its_deleted_run(filled, sweep):
+def test_a_sweep_comes_back_with_its_deleted_runs_but_not_their_other_sweeps(filled, sweep):
     filled.delete(runs=[1, 2])
     assert (filled.runs(), filled.page().total) == ([], 0)
-    filled.undelete([sweep(2).key])
+    assert filled.undelete([sweep(2).key]) == Deletion((1, 2), (sweep(2).key,))
     (row,) = filled.page().rows
-    assert (row.key, row.run, row.tags, filled.health()) == (sweep(2).key, None, ("baseline",), "sound")
+    assert (row.key, row.run, row.tags, filled.health()) == (sweep(2).key, 2, ("baseline",), "sound")
+    assert [(run.study, run.total, run.deleted) for run in filled.runs()] == [(row.study, 1, 1)] * 2
     filled.undelete(runs=[1])
     assert [(row.key, row.run) for row in filled.page(order="key").rows] == sorted(
-        [(sweep(1).key, 1), (sweep(2).key, 1)]
+        [(sweep(1).key, 1), (sweep(2).key, 2)]
     )
     assert filled.health() == "sound"
 

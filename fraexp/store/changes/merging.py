@@ -5,12 +5,10 @@ conflicts and all damage are listed; the computing time of a result and the time
 """
 
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from datetime import datetime
 
 from sqlalchemy import Connection, bindparam, delete, insert, select, update
 
-from fraexp.data.results import Outcome
+from fraexp.data.results import Outcome, Result
 from fraexp.store import shared_sections
 from fraexp.store.changes import writing
 from fraexp.store.changes.merge_source import SourceSweep, Transaction, find_keys, read_batches
@@ -20,14 +18,10 @@ from fraexp.store.digests import ORIGIN_COLUMNS, new_run_sweep, run_digest, run_
 from fraexp.store.queries import annotations, reading, stored_results
 from fraexp.store.queries.filter_sql import STATES
 from fraexp.store.queries.reading import RUN_STATES
-from fraexp.store.sealing import read_origin_rows, read_run_rows, seal_annotations, seal_run
+from fraexp.store.sealing import read_origin_rows, read_run_rows, seal_annotations, seal_places, seal_run
 from fraexp.store.stored_records import Conflict, MergeSummary
 from fraexp.store.tables import (
     RESULT_TABLES,
-    STANDING_LATEST,
-    STANDING_OVERTAKEN,
-    STANDING_REPEATED,
-    WITHOUT_RUN,
     RowValues,
     insert_or_ignore,
     key_chunks,
@@ -47,63 +41,6 @@ COMPARED_SWEEP_COLUMNS = ("key", "labels", "state", "message", "log")
 MAX_SHOWN_DIFFERENCES = 3
 
 
-@dataclass
-class _MergeCounts:
-    """Counts of what has been merged."""
-
-    read: int = 0
-    sweeps: int = 0
-    results: int = 0
-    same: int = 0
-    tags: int = 0
-    notes: int = 0
-    added: set[str] = field(default_factory=set)
-    conflicts: dict[str, Conflict] = field(default_factory=dict)
-    damaged: dict[str, Conflict] = field(default_factory=dict)
-    read_runs: int = 0
-    runs: int = 0
-    known_runs: int = 0
-    run_conflicts: list[Conflict] = field(default_factory=list)
-    damaged_runs: list[Conflict] = field(default_factory=list)
-
-    def add_conflict(self, key: str, what: tuple[str, ...], how: str) -> None:
-        """Add a conflict of a sweep to those that are known."""
-        if key in self.conflicts:
-            known = self.conflicts[key]
-            what, how = (*known.what, *what), f"{known.how}; {how}"
-        self.conflicts[key] = Conflict(key, what, how)
-
-    def summary(self) -> MergeSummary:
-        """Return the counts as a summary."""
-        conflicts = {key: of for key, of in self.conflicts.items() if key not in self.damaged}
-        # Damage is reported with what else is to be said of the sweep, so that nothing is counted twice.
-        damaged = tuple(_join_findings(of, self.conflicts.get(key)) for key, of in self.damaged.items())
-        added = len(self.added - conflicts.keys() - self.damaged.keys())
-        return MergeSummary(
-            self.sweeps,
-            self.results,
-            self.same,
-            self.runs,
-            self.known_runs,
-            tuple(conflicts.values()),
-            read=self.read,
-            added=added,
-            there=self.read - added - len(conflicts) - len(damaged),
-            tags=self.tags,
-            notes=self.notes,
-            damaged=damaged,
-            read_runs=self.read_runs,
-            run_conflicts=tuple(self.run_conflicts),
-            damaged_runs=tuple(self.damaged_runs),
-        )
-
-
-def _join_findings(damage: Conflict, conflict: Conflict | None) -> Conflict:
-    if conflict is None:
-        return damage
-    return Conflict(damage.key, (*damage.what, *conflict.what), f"{damage.how}; {conflict.how}")
-
-
 def merge_databases(
     source: Transaction, ours: Transaction, target: Transaction
 ) -> Generator[tuple[int, int], None, MergeSummary]:
@@ -112,68 +49,152 @@ def merge_databases(
     `ours` opens the same database as `target` for reading. A second merge adds nothing, so that it completes an
     interrupted one.
     """
-    counts = _MergeCounts()
-    keys = find_keys(source)
+    merge, keys = _Merge(), find_keys(source)
     for batch in read_batches(source, keys, BATCH_SIZE):
-        sound = _count_damage(batch, counts)
+        sound = merge.take_sound(batch)
         with target() as connection:
-            both = _add_sweeps(connection, sound, counts)
+            both = merge.add_sweeps(connection, sound)
         with source():  # its errors name the source's database
             theirs = {key: sound[key].result() for key in both}
         with ours() as connection:
             for key, mine in stored_results.read_results(connection, both).items():
-                what, how = describe_differences(mine, theirs[key])
-                if mine.outcome is Outcome.DAMAGED:
-                    what, how = ("damaged",), "damaged here, sound there; fraexp delete it here, and merge again"
-                if what:
-                    counts.add_conflict(key, what, how)
-                counts.same += not what
-        yield counts.read, len(keys)
+                merge.note_differences(key, *_compare_results(mine, theirs[key]))
+        yield merge.summary.read, len(keys)
     with source() as connection:
         numbers = [summary.number for summary in reading.read_runs(connection)][::-1]
     for number in numbers:
-        _merge_run(source, target, number, counts)
-        yield counts.read, len(keys)
-    return counts.summary()
+        merge.merge_run(source, target, number)
+        yield merge.summary.read, len(keys)
+    return merge.close()
 
 
-def _count_damage(batch: Mapping[str, SourceSweep | None], counts: _MergeCounts) -> dict[str, SourceSweep]:
-    """Return the sweeps that can be added, by key; report the damage, and keys that do not fit."""
-    sound = {}
-    counts.read += len(batch)
-    for key, found in batch.items():
+class _Merge:
+    """A merge in progress: what has been added, and what was found."""
+
+    def __init__(self) -> None:
+        self.summary = MergeSummary()
+        self._added: set[str] = set()
+        self._conflicts: dict[str, Conflict] = {}
+        self._damaged: dict[str, Conflict] = {}
+
+    def close(self) -> MergeSummary:
+        """Return the summary, in which each sweep is counted once: damage comes before conflicts."""
+        found = self.summary
+        for key in self._damaged.keys() & self._conflicts.keys():
+            self._damaged[key] = self._damaged[key].joined(self._conflicts.pop(key))
+        found.conflicts, found.damaged = tuple(self._conflicts.values()), tuple(self._damaged.values())
+        found.added = len(self._added - self._conflicts.keys() - self._damaged.keys())
+        found.there = found.read - found.added - len(found.conflicts) - len(found.damaged)
+        return found
+
+    def _add_conflict(self, key: str, what: tuple[str, ...], how: str) -> None:
+        conflict = Conflict(key, what, how)
+        self._conflicts[key] = self._conflicts[key].joined(conflict) if key in self._conflicts else conflict
+
+    def note_differences(self, key: str, what: tuple[str, ...], how: str) -> None:
+        """Count a result that both databases have: as the same, or as a conflict if it differs."""
+        if what:
+            self._add_conflict(key, what, how)
+        self.summary.same += not what
+
+    def take_sound(self, batch: Mapping[str, SourceSweep | None]) -> dict[str, SourceSweep]:
+        """Return the sweeps that can be added, by key; report the damage, and keys that do not fit."""
+        sound = {}
+        self.summary.read += len(batch)
+        for key, found in batch.items():
+            if found is None:
+                how = "it cannot be read, or its parameters are damaged; left out"
+                self._damaged[key] = Conflict(key, ("sweep",), how)
+            elif found.is_lost:
+                self._damaged[key] = Conflict(key, found.damage, "its row is damaged; it is left out")
+            elif found.item.key != key:
+                self._add_conflict(key, ("key",), "its key does not match its parameters; it is left out")
+            else:
+                sound[key] = found
+                if found.damage:
+                    how = f"{' and '.join(found.damage)} damaged and left out"
+                    self._damaged[key] = Conflict(key, found.damage, how)
+        return sound
+
+    def add_sweeps(self, connection: Connection, sweeps_read: dict[str, SourceSweep]) -> list[str]:
+        """Add missing sweeps and results, and return the keys of the sweeps with a result in both databases."""
+        keys = list(sweeps_read)
+        query = select(sweep.c.key, sweep.c.outcome, sweep.c.content).where(sweep.c.key.in_(keys))
+        existing = {row.key: row.outcome is not None or row.content is not None for row in connection.execute(query)}
+        writing.ensure_sweeps(connection, [of.item for of in sweeps_read.values()])
+        new = [key for key in keys if key not in existing]
+        missing = [key for key in keys if sweeps_read[key].result_columns and not existing.get(key)]
+        _write_results(connection, sweeps_read, missing)
+        self.summary.sweeps += len(new)
+        self.summary.results += len(missing)
+        self._added.update(new, missing)
+        both = [key for key in keys if sweeps_read[key].result_columns and existing.get(key)]
+        self._compare_origins(connection, sweeps_read, both)
+        self._add_annotations(connection, sweeps_read)
+        return both
+
+    def _compare_origins(
+        self, connection: Connection, sweeps_read: Mapping[str, SourceSweep], keys: Sequence[str]
+    ) -> None:
+        ours: dict[str, list[RowValues]] = {}
+        for chunk in key_chunks(keys):
+            ours |= read_origin_rows(connection, chunk)
+        for key in keys:
+            here, there = (_origins(rows) for rows in (ours.get(key, ()), sweeps_read[key].rows["supplied_component"]))
+            texts = [
+                f"{name}: {here.get(name, 'none')} here, {there.get(name, 'none')} there"
+                for name in sorted({*here, *there})
+                if here.get(name) != there.get(name)
+            ]
+            if texts:
+                self._add_conflict(key, ("origins",), f"provided by {', '.join(texts)}")
+
+    def _add_annotations(self, connection: Connection, sweeps_read: Mapping[str, SourceSweep]) -> None:
+        """Add tags and notes; a note that differs is a conflict."""
+        annotated = {key: of for key, of in sweeps_read.items() if of.tags or of.note}
+        tags = annotations.tags_of_sweeps(connection, annotated)
+        notes = annotations.notes_of_sweeps(connection, annotated)
+        for key, there in annotated.items():
+            if there.note and notes.get(key, there.note) != there.note:
+                self._add_conflict(key, ("note",), f'note: "{notes[key]}" here, "{there.note}" there')
+        new_tags = [
+            {"key": key, "name": name}
+            for key, of in annotated.items()
+            for name in of.tags
+            if name not in tags.get(key, ())
+        ]
+        new_notes = [{"key": key, "text": of.note} for key, of in annotated.items() if of.note and key not in notes]
+        for table, rows in ((tag, new_tags), (note, new_notes)):
+            if rows:
+                connection.execute(insert_or_ignore(connection, table), rows)
+        changed = [row["key"] for row in (*new_tags, *new_notes)]
+        seal_annotations(connection, changed)
+        self.summary.tags += len(new_tags)
+        self.summary.notes += len(new_notes)
+        self._added.update(changed)
+
+    def merge_run(self, source: Transaction, target: Transaction, number: int) -> None:
+        """Merge a run, and count it once: as damaged, as a conflict, as added, or as already there."""
+        summary = self.summary
+        summary.read_runs += 1
+        with source() as reader, target() as writer:
+            found = read_tolerantly(lambda _: {number: _undoable(reader, writer, number)}, [number]).get(number)
         if found is None:
-            counts.damaged[key] = Conflict(
-                key, ("sweep",), "it cannot be read, or its parameters are damaged; left out"
-            )
-        elif found.is_lost:
-            counts.damaged[key] = Conflict(key, found.damage, "its row is damaged; it is left out")
-        elif found.item.key != key:
-            counts.add_conflict(key, ("key",), "its key does not match its parameters; it is left out")
+            lost = Conflict(f"run {number}", ("run",), "it cannot be read; it is left out")
+            summary.damaged_runs = (*summary.damaged_runs, lost)
+        elif found.damage:
+            summary.damaged_runs = (*summary.damaged_runs, found.describe())
+        elif found.differences:
+            summary.run_conflicts = (*summary.run_conflicts, found.describe())
         else:
-            sound[key] = found
-            if found.damage:
-                counts.damaged[key] = Conflict(key, found.damage, f"{' and '.join(found.damage)} damaged and left out")
-    return sound
+            summary.runs += found.is_new
+            summary.known_runs += not found.is_new
 
 
-def _add_sweeps(connection: Connection, sweeps_read: dict[str, SourceSweep], counts: _MergeCounts) -> list[str]:
-    """Add missing sweeps and results, and return the keys of the sweeps with a result in both databases."""
-    keys = list(sweeps_read)
-    columns = (sweep.c.key, sweep.c.outcome, sweep.c.content)
-    query = select(*columns).where(sweep.c.key.in_(keys))
-    existing = {row.key: row.outcome is not None or row.content is not None for row in connection.execute(query)}
-    writing.ensure_sweeps(connection, [of.item for of in sweeps_read.values()])
-    new = [key for key in keys if key not in existing]
-    missing = [key for key in keys if sweeps_read[key].result_columns and not existing.get(key)]
-    _write_results(connection, sweeps_read, missing)
-    counts.sweeps += len(new)
-    counts.results += len(missing)
-    counts.added.update(new, missing)
-    both = [key for key in keys if sweeps_read[key].result_columns and existing.get(key)]
-    _compare_origins(connection, sweeps_read, both, counts)
-    _add_annotations(connection, sweeps_read, counts)
-    return both
+def _compare_results(mine: Result, theirs: Result) -> tuple[tuple[str, ...], str]:
+    if mine.outcome is Outcome.DAMAGED:
+        return ("damaged",), "damaged here, sound there; fraexp delete it here, and merge again"
+    return describe_differences(mine, theirs)
 
 
 def _write_results(connection: Connection, sweeps_read: Mapping[str, SourceSweep], keys: Sequence[str]) -> None:
@@ -189,55 +210,9 @@ def _write_results(connection: Connection, sweeps_read: Mapping[str, SourceSweep
     shared_sections.add_field_names(connection, "metric", names)
 
 
-def _compare_origins(
-    connection: Connection, sweeps_read: Mapping[str, SourceSweep], keys: Sequence[str], counts: _MergeCounts
-) -> None:
-    ours: dict[str, list[RowValues]] = {}
-    for chunk in key_chunks(keys):
-        ours |= read_origin_rows(connection, chunk)
-    for key in keys:
-        here, there = (_origins(rows) for rows in (ours.get(key, ()), sweeps_read[key].rows["supplied_component"]))
-        texts = [
-            f"{name}: {here.get(name, 'none')} here, {there.get(name, 'none')} there"
-            for name in sorted({*here, *there})
-            if here.get(name) != there.get(name)
-        ]
-        if texts:
-            counts.add_conflict(key, ("origins",), f"provided by {', '.join(texts)}")
-
-
 def _origins(rows: Sequence[RowValues]) -> dict[str, str]:
     kind, name, *others = ORIGIN_COLUMNS
     return {f"{row[kind]} {row[name]}": " ".join(str(row[column])[:32] for column in others) for row in rows}
-
-
-def _add_annotations(connection: Connection, sweeps_read: Mapping[str, SourceSweep], counts: _MergeCounts) -> None:
-    """Add tags and notes; a note that differs is a conflict."""
-    annotated = [key for key, of in sweeps_read.items() if of.tags or of.note]
-    if not annotated:
-        return
-    tags = annotations.tags_of_sweeps(connection, annotated)
-    notes = annotations.notes_of_sweeps(connection, annotated)
-    new_tags = [
-        {"key": key, "name": name}
-        for key in annotated
-        for name in sweeps_read[key].tags
-        if name not in tags.get(key, ())
-    ]
-    new_notes = [{"key": key, "text": sweeps_read[key].note} for key in annotated if sweeps_read[key].note]
-    for row in new_notes:
-        here, there = notes.get(row["key"], ""), row["text"]
-        if here and here != there:
-            counts.add_conflict(row["key"], ("note",), f'note: "{here}" here, "{there}" there')
-    new_notes = [row for row in new_notes if row["key"] not in notes]
-    for table, rows in ((tag, new_tags), (note, new_notes)):
-        if rows:
-            connection.execute(insert_or_ignore(connection, table), rows)
-    changed = [row["key"] for row in (*new_tags, *new_notes)]
-    seal_annotations(connection, changed)
-    counts.tags += len(new_tags)
-    counts.notes += len(new_notes)
-    counts.added.update(changed)
 
 
 class _RunMerge:
@@ -249,11 +224,17 @@ class _RunMerge:
         self.damage: list[str] = []
         self.differences: list[str] = []
 
-    def describe(self, findings: Sequence[str], what: str) -> Conflict:
-        """Return findings as a line of the merge's report."""
+    def describe(self) -> Conflict:
+        """Return what was found as a line of the merge's report."""
+        findings = [*self.damage, *self.differences]
         more = len(findings) - MAX_SHOWN_DIFFERENCES
         texts = [*findings[:MAX_SHOWN_DIFFERENCES], *([f"{more} more"] if more > 0 else [])]
-        return Conflict(f"run {self.number}", (what,), "; ".join(texts))
+        return Conflict(f"run {self.number}", ("run",), "; ".join(texts))
+
+
+def _undoable(reader: Connection, writer: Connection, number: int) -> _RunMerge:
+    with writer.begin_nested():
+        return _add_run(reader, writer, number)
 
 
 def _add_run(reader: Connection, writer: Connection, number: int) -> _RunMerge:
@@ -265,57 +246,53 @@ def _add_run(reader: Connection, writer: Connection, number: int) -> _RunMerge:
         return found
     same = (run.c[name].is_(None) if row[name] is None else run.c[name] == row[name] for name in RUN_IDENTITY)
     known = writer.execute(select(run).where(*same)).mappings().first()
-    expected = row["sweeps"]
     del row["number"]
     if known is not None and known["state"] != "running":
         _compare_runs(reader, writer, row, dict(known), found)
         return found
+    replaced: list[str] = []
     if known is None:
         new_number = int(writer.execute(insert(run).values(**row).returning(run.c.number)).scalar_one())
         found.is_new = True
     else:
         new_number = known["number"]
         writer.execute(update(run).where(run.c.number == new_number).values(**row))
-        _remove_run_sweeps(writer, new_number)
-    added = 0
-    for rows in _read_run_sweeps(reader, number):
-        added += _add_run_sweeps(writer, new_number, row["started"], rows)
-    if added < expected:
-        found.damage.append(f"{expected - added} of its {expected} sweeps are damaged and left out")
+        replaced += writer.scalars(select(run_sweep.c.key).where(run_sweep.c.run == new_number))
+        writer.execute(delete(run_sweep).where(run_sweep.c.run == new_number))
+    added = sum(_add_run_sweeps(writer, new_number, rows) for rows in _read_run_sweeps(reader, number))
+    if added < row["sweeps"]:
+        found.damage.append(f"{row['sweeps'] - added} of its {row['sweeps']} sweeps are damaged and left out")
+    seal_places(writer, replaced)
     seal_run(writer, new_number)
     return found
 
 
 def _compare_runs(reader: Connection, writer: Connection, theirs: RowValues, ours: RowValues, found: _RunMerge) -> None:
-    """Add to what was found in what a run differs that both databases have, and what of it is damaged."""
-    found.differences += [
-        f"{name.replace('_', ' ')}: {_quote(ours[name])} here, {_quote(theirs[name])} there"
-        for name in COMPARED_COLUMNS
-        if theirs[name] != ours[name]
-    ]
-    here = {row["position"]: row for rows in _read_run_sweeps(writer, ours["number"]) for row in rows}
-    lost_here, read, only_there = ours["sweeps"] - len(here), 0, []
-    for rows in _read_run_sweeps(reader, found.number):
-        read += len(rows)
-        for row in rows:
-            mine = here.pop(row["position"], None)
-            only_there += [row["key"]] if mine is None else []
-            found.differences += [] if mine is None else _sweep_differences(row, mine)
+    """Add in what a run differs that both databases have, and what of it is damaged."""
+    found.differences += _differences(COMPARED_COLUMNS, ours, theirs)
+    here, there = (
+        {row["position"]: row for rows in _read_run_sweeps(connection, number) for row in rows}
+        for connection, number in ((writer, ours["number"]), (reader, found.number))
+    )
+    lost_here, lost_there = ours["sweeps"] - len(here), theirs["sweeps"] - len(there)
+    if lost_there > 0:
+        found.damage.append(f"{lost_there} of its {theirs['sweeps']} sweeps are damaged and not compared")
     if lost_here > 0:
         found.differences.append(f"{lost_here} of its sweeps are damaged here")
-    elif only_there:
-        found.differences += [f"sweep {key[4:12]} only there" for key in only_there]
-    if theirs["sweeps"] > read:
-        found.damage.append(f"{theirs['sweeps'] - read} of its {theirs['sweeps']} sweeps are damaged and not compared")
-    elif here:
-        found.differences.append(f"{len(here)} of its sweeps only here")
+    for position in sorted({*here, *there}):
+        mine, other = here.get(position), there.get(position)
+        if mine and other:
+            found.differences += _differences(COMPARED_SWEEP_COLUMNS, mine, other, f"sweep {other['key'][4:12]}, ")
+        elif other and lost_here <= 0:
+            found.differences.append(f"sweep {other['key'][4:12]} only there")
+        elif mine and lost_there <= 0:
+            found.differences.append(f"sweep {mine['key'][4:12]} only here")
 
 
-def _sweep_differences(theirs: RowValues, ours: RowValues) -> Iterator[str]:
-    name = theirs["key"][4:12]
-    for column in COMPARED_SWEEP_COLUMNS:
-        if theirs[column] != ours[column]:
-            yield f"sweep {name}, {column}: {_quote(ours[column])} here, {_quote(theirs[column])} there"
+def _differences(columns: Sequence[str], ours: RowValues, theirs: RowValues, what: str = "") -> Iterator[str]:
+    for name in columns:
+        if ours[name] != theirs[name]:
+            yield f"{what}{name.replace('_', ' ')}: {_quote(ours[name])} here, {_quote(theirs[name])} there"
 
 
 def _quote(value: object) -> str:
@@ -329,59 +306,13 @@ def _read_run_sweeps(reader: Connection, number: int) -> Iterator[list[RowValues
         yield [dict(row) for row in rows if run_sweep_digest(row) == row["digest"] and row["state"] in STATES]
 
 
-def _remove_run_sweeps(writer: Connection, number: int) -> None:
-    """Remove the rows of a run that are going to be replaced; damaged ones will not be."""
-    others = select(run_sweep.c.key).where(run_sweep.c.run != number)
-    lone = select(run_sweep.c.key).where(run_sweep.c.run == number, run_sweep.c.key.not_in(others))
-    writer.execute(update(sweep).where(sweep.c.key.in_(lone)).values(in_runs=WITHOUT_RUN))
-    writer.execute(delete(run_sweep).where(run_sweep.c.run == number))
-
-
-def _add_run_sweeps(writer: Connection, number: int, started: datetime, rows: Sequence[RowValues]) -> int:
+def _add_run_sweeps(writer: Connection, number: int, rows: Sequence[RowValues]) -> int:
     """Add rows of a run, and return their number: those of damaged sweeps are left out."""
     keys = list({row["key"] for row in rows})
     existing = set(writer.scalars(select(sweep.c.key).where(sweep.c.key.in_(keys))))
-    seen = select(run_sweep.c.key, run_sweep.c.run, run.c.started).join(run, run.c.number == run_sweep.c.run)
-    latest = writer.execute(seen.where(run_sweep.c.key.in_(keys), run_sweep.c.standing == STANDING_LATEST)).all()
-    later = {row.key for row in latest if row.started > started}
-    overtaken = [row.key for row in latest if row.started <= started and row.run != number]
-    if overtaken:
-        earlier = update(run_sweep).where(run_sweep.c.key.in_(overtaken), run_sweep.c.standing == STANDING_LATEST)
-        writer.execute(earlier.values(standing=STANDING_OVERTAKEN))
-    added = [
-        new_run_sweep(row | {"run": number, "standing": _standing(row, later)})
-        for row in rows
-        if row["key"] in existing
-    ]
+    added = [new_run_sweep(row | {"run": number}) for row in rows if row["key"] in existing]
     if added:
         writer.execute(insert(run_sweep), added)
-        writing.mark_in_runs(writer, {row["key"] for row in added})
+    seal_places(writer, existing)
     shared_sections.add_field_names(writer, "label", {str(name) for row in added for name in row["labels"]})
     return len(added)
-
-
-def _standing(row: Mapping[str, object], later: set[str]) -> int:
-    if row["standing"] == STANDING_REPEATED:
-        return STANDING_REPEATED
-    return STANDING_OVERTAKEN if row["key"] in later else STANDING_LATEST
-
-
-def _undoable(reader: Connection, writer: Connection, number: int) -> _RunMerge:
-    with writer.begin_nested():
-        return _add_run(reader, writer, number)
-
-
-def _merge_run(source: Transaction, target: Transaction, number: int, counts: _MergeCounts) -> None:
-    """Merge a run, and count it once: as damaged, as a conflict, as added, or as already there."""
-    counts.read_runs += 1
-    with source() as reader, target() as writer:
-        found = read_tolerantly(lambda _: {number: _undoable(reader, writer, number)}, [number]).get(number)
-    if found is None:
-        counts.damaged_runs.append(Conflict(f"run {number}", ("run",), "it cannot be read; it is left out"))
-    elif found.damage:
-        counts.damaged_runs.append(found.describe([*found.damage, *found.differences], "run"))
-    elif found.differences:
-        counts.run_conflicts.append(found.describe(found.differences, "run"))
-    else:
-        counts.runs += found.is_new
-        counts.known_runs += not found.is_new

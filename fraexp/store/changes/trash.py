@@ -6,18 +6,15 @@ Rows move as they are, with their digests. A sweep that was computed again meanw
 from collections.abc import Iterable, Sequence
 from datetime import datetime
 
-from sqlalchemy import Connection, Table, and_, case, delete, exists, insert, literal, select, update
+from sqlalchemy import Connection, Table, and_, delete, exists, insert, literal, select, update
 
 from fraexp.errors import StoreError
 from fraexp.store import shared_sections
 from fraexp.store.changes.merge_source import RESULT_COLUMNS
 from fraexp.store.liveness import Process, host_of, now
-from fraexp.store.sealing import seal_annotations, seal_membership, seal_sound_runs
+from fraexp.store.sealing import seal_annotations, seal_places, seal_sound_runs
 from fraexp.store.stored_records import Deletion
 from fraexp.store.tables import (
-    STANDING_LATEST,
-    STANDING_OVERTAKEN,
-    STANDING_REPEATED,
     SWEEP_TABLES,
     TRASH,
     Expression,
@@ -49,7 +46,7 @@ def move_to_trash(connection: Connection, keys: Iterable[str], numbers: Sequence
         for chunk in key_chunks(of_runs)
         for key in connection.scalars(select(run_sweep.c.key).where(run_sweep.c.key.in_(chunk)))
     }
-    _renew_standing(connection, shared)
+    seal_places(connection, shared)
     orphans = (key for key in of_runs if key not in shared)
     return sum(_move_sweeps(connection, chunk, moment) for chunk in key_chunks((*orphans, *keys)))
 
@@ -70,12 +67,15 @@ def _move_sweeps(connection: Connection, keys: list[str], moment: datetime) -> i
 def take_from_trash(connection: Connection, keys: Iterable[str], numbers: Sequence[int]) -> Deletion:
     """Bring sweeps back, and runs with their sweeps, and return those that came back.
 
-    A sweep that has a newer result stays in the trash; its places in runs come back.
+    A sweep that has a newer result stays in the trash; its places in runs come back. A sweep whose runs are all in the
+    trash brings them back without their other sweeps: they have its study.
     """
-    numbers = list(connection.scalars(select(TRASH[run].c.number).where(TRASH[run].c.number.in_(numbers))))
-    _move(connection, TRASH[run], run, TRASH[run].c.number.in_(numbers))
     places = TRASH[run_sweep]
     of_runs = connection.scalars(select(places.c.key).where(places.c.run.in_(numbers))).all()
+    numbers = list(connection.scalars(select(TRASH[run].c.number).where(TRASH[run].c.number.in_(numbers))))
+    _move(connection, TRASH[run], run, TRASH[run].c.number.in_(numbers))
+    keys = list(keys)
+    numbers += _restore_runs_of(connection, keys)
     restored: list[str] = []
     for chunk in key_chunks((*of_runs, *keys)):
         restored += _restore_sweeps(connection, chunk)
@@ -84,9 +84,22 @@ def take_from_trash(connection: Connection, keys: Iterable[str], numbers: Sequen
         touched = connection.scalars(select(places.c.run).where(chosen).distinct()).all()
         _move(connection, places, run_sweep, chosen)
         seal_sound_runs(connection, {*touched, *numbers})
-        _renew_standing(connection, chunk)
-        seal_membership(connection, chunk)
+        seal_places(connection, chunk)
     return Deletion(tuple(numbers), tuple(sorted(restored)))
+
+
+def _restore_runs_of(connection: Connection, keys: Sequence[str]) -> list[int]:
+    """Bring back the runs of sweeps of which no run is left, and return their numbers."""
+    places, other = TRASH[run_sweep], TRASH[run_sweep].alias()
+    with_run = select(other.c.key).where(other.c.run.in_(select(run.c.number)))
+    lone = (places.c.key.not_in(select(run_sweep.c.key)), places.c.key.not_in(with_run))
+    found = {
+        number
+        for chunk in key_chunks(keys)
+        for number in connection.scalars(select(places.c.run).where(places.c.key.in_(chunk), *lone).distinct())
+    }
+    _move(connection, TRASH[run], run, TRASH[run].c.number.in_(found))
+    return sorted(found)
 
 
 def _restore_sweeps(connection: Connection, keys: list[str]) -> list[str]:
@@ -134,17 +147,6 @@ def _copy(connection: Connection, source: Table, target: Table, condition: Expre
     same = and_(*(source.c[column.name] == column for column in target.primary_key.columns))
     rows = select(*values).where(condition, ~exists().where(same).correlate(source))
     connection.execute(insert(target).from_select(names, rows))
-
-
-def _renew_standing(connection: Connection, keys: Iterable[str]) -> None:
-    """Note which run of each sweep is its latest one."""
-    of = run_sweep.alias()
-    by_start = select(of.c.run).join(run, run.c.number == of.c.run).where(of.c.key == run_sweep.c.key)
-    latest = by_start.order_by(run.c.started.desc(), run.c.number.desc()).limit(1).scalar_subquery()
-    standing = case((run_sweep.c.run == latest, STANDING_LATEST), else_=STANDING_OVERTAKEN)
-    for chunk in key_chunks(keys):
-        chosen = (run_sweep.c.key.in_(chunk), run_sweep.c.standing != STANDING_REPEATED)
-        connection.execute(update(run_sweep).where(*chosen).values(standing=standing))
 
 
 def _refuse_living(connection: Connection, numbers: Sequence[int], why: str) -> None:

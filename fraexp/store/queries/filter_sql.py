@@ -8,12 +8,14 @@ from datetime import datetime
 
 from sqlalchemy import (
     ColumnElement,
+    Float,
     Text,
     and_,
     cast,
     exists,
     false,
     func,
+    literal,
     not_,
     or_,
     select,
@@ -23,21 +25,17 @@ from fraexp.data.identity import key_heads
 from fraexp.data.results import UNUSABLE_OUTCOMES, Outcome
 from fraexp.data.rotary_axes import rotary_unit
 from fraexp.errors import FilterError, did_you_mean
-from fraexp.store.queries.filters import Condition
-from fraexp.store.queries.json_sql import (
+from fraexp.store.queries.filters import (
+    Condition,
     UnitLookup,
-    compare_number,
-    contains_text,
     is_of_a_kind,
-    json_value,
     no_units,
-    number_at,
     parse_number,
     parse_time_span,
-    text_at,
     unit_in,
 )
-from fraexp.store.queries.known_names import COMPONENT_COLUMNS, IS_ROTARY_LOOP, METRIC_PREFIX, KnownNames
+from fraexp.store.queries.json_sql import JsonSql
+from fraexp.store.queries.known_names import COMPONENT_COLUMNS, METRIC_PREFIX, KnownNames
 from fraexp.store.tables import (
     PARTS,
     STANDING_LATEST,
@@ -54,6 +52,8 @@ from fraexp.store.tables import (
 
 Columns = Mapping[str, Expression]
 STATES = ("pending", "computed", "reused", "failed")
+RELATIVE_TOLERANCE = 1e-9
+"""Relative difference up to which numbers are equal: 0.1 um is not exactly 1e-7."""
 UNUSABLE = "unusable"
 """Word for failed attempts and unusable results alike."""
 run_view = run_sweep.alias("run_view")
@@ -113,20 +113,20 @@ def _named_value_sql(condition: Condition, names: KnownNames) -> ColumnElement[b
         value = _required_number(condition, lambda: names.units(name))
         chosen = (
             metric.c.name == name.removeprefix(METRIC_PREFIX),
-            compare_number(metric.c.value, condition.operator, value),
+            _compare_number(metric.c.value, condition.operator, value),
         )
         return exists().where(metric.c.key == SWEEP_KEY, *chosen)
     if name in names.parameters:
         section, place = split_parameter(name)
         if _parsed_number(condition, no_units) is None and names.has_only_numbers(section, place):
             raise _no_number_error(condition)
-        fits = _json_value_sql(condition, part.c.content, place, lambda: names.units(name))
+        fits = _json_value_sql(condition, names.json, part.c.content, place, lambda: names.units(name))
         fitting = select(part.c.number).where(part.c.section == section, fits).cte().prefix_with("MATERIALIZED")
         found = sweep.c[f"{section}_part"].in_(select(fitting.c.number))  # evaluated once, for each part once
         unit = unit_in(condition.value)
         return and_(found, *_unit_sql(unit, name, names)) if unit else found
     if name in names.labels:
-        return _json_value_sql(condition, run_view.c.labels, [name])
+        return _json_value_sql(condition, names.json, run_view.c.labels, [name])
     raise names.unknown_name_error(name)
 
 
@@ -138,28 +138,43 @@ def _unit_sql(unit: str, name: str, names: KnownNames) -> Iterator[ColumnElement
     straight = {unit for units in names.declared(name).values() for unit in units}
     on_straight, on_rotary = is_of_a_kind(unit, straight), is_of_a_kind(unit, set(map(rotary_unit, straight)))
     if on_straight != on_rotary:
-        turns = sweep.c.loop_part.in_(select(part.c.number).where(IS_ROTARY_LOOP))
+        turns = sweep.c.loop_part.in_(select(part.c.number).where(names.is_rotary_loop))
         yield or_(sweep.c.loop_part.is_(None), turns if on_rotary else not_(turns))
 
 
 def _json_value_sql(
-    condition: Condition, column: Expression, place: list[str], kinds: UnitLookup = no_units
+    condition: Condition, json_sql: JsonSql, column: Expression, place: list[str], kinds: UnitLookup = no_units
 ) -> ColumnElement[bool]:
     """Return the SQL of a comparison with a value in JSON: as a number, as a text, or as either."""
+    number = json_sql.number(column, place)
     if condition.operator not in "=:":
-        return compare_number(
-            json_value(number_at, column, place), condition.operator, _required_number(condition, kinds)
-        )
-    text = _text_sql(condition, json_value(text_at, column, place))
+        return _compare_number(number, condition.operator, _required_number(condition, kinds))
+    text = _text_sql(condition, json_sql.text(column, place))
     value = _parsed_number(condition, kinds)
-    return text if value is None else or_(text, compare_number(json_value(number_at, column, place), "=", value))
+    return text if value is None else or_(text, _compare_number(number, "=", value))
+
+
+def _compare_number(column: Expression, operator: str, value: float) -> ColumnElement[bool]:
+    """Return the SQL of a comparison of numbers, which are equal if they differ by rounding only."""
+    margin = abs(value) * RELATIVE_TOLERANCE
+    low, high = literal(value - margin, Float()), literal(value + margin, Float())
+    match operator:
+        case ">":
+            return column > high
+        case ">=":
+            return column >= low
+        case "<":
+            return column < low
+        case "<=":
+            return column <= high
+    return column.between(low, high)
 
 
 def _text_sql(condition: Condition, column: Expression) -> ColumnElement[bool]:
     if condition.operator == "=":
         return column == condition.value
     if condition.operator == ":":
-        return contains_text(column, condition.value)
+        return column.icontains(condition.value, autoescape=True)
     raise FilterError(f"filter: '{condition.term}' compares a text; expected {condition.field}= or {condition.field}:")
 
 
@@ -250,14 +265,14 @@ def _study_sql(condition: Condition) -> ColumnElement[bool]:
 
 
 def _run_sql(condition: Condition) -> ColumnElement[bool]:
-    chosen = compare_number(run_sweep.c.run, condition.operator, _required_number(condition, lambda: ("1",)))
+    chosen = _compare_number(run_sweep.c.run, condition.operator, _required_number(condition, lambda: ("1",)))
     return exists().where(run_sweep.c.key == SWEEP_KEY, chosen)
 
 
 def _elapsed_sql(condition: Condition) -> ColumnElement[bool]:
     minutes = re.sub(r"(?<=[\d.\s])m$", "min", condition.value)  # m is a minute here, never a metre
     value = _required_number(replace(condition, value=minutes), lambda: ("s",))
-    elapsed = compare_number(sweep.c.elapsed, condition.operator, value)
+    elapsed = _compare_number(sweep.c.elapsed, condition.operator, value)
     return and_(sweep.c.outcome.is_not(None), elapsed)
 
 
@@ -278,17 +293,16 @@ def _created_sql(condition: Condition, now: datetime) -> ColumnElement[bool]:
 
 def _anywhere_sql(word: str, number: int | None) -> ColumnElement[bool]:
     """Return the SQL of a search in labels, component names, study, message, tags, and the beginning of the key."""
-    words = select(field.c.name).where(field.c.kind == "word", contains_text(field.c.name, word))
-    runs = select(run.c.number).where(contains_text(run.c.study, word))
-    written = contains_text(
-        cast(run_sweep.c.labels, Text), json.dumps(word)[1:-1]
-    )  # as it is escaped in the labels' JSON
-    in_message = contains_text(run_sweep.c.message, word)
+    words = select(field.c.name).where(field.c.kind == "word", field.c.name.icontains(word, autoescape=True))
+    runs = select(run.c.number).where(run.c.study.icontains(word, autoescape=True))
+    escaped = json.dumps(word)[1:-1]  # as it is in the labels' JSON
+    written = cast(run_sweep.c.labels, Text).icontains(escaped, autoescape=True)
+    in_message = run_sweep.c.message.icontains(word, autoescape=True)
     return or_(
         *(func.coalesce(sweep.c[f"{name}_name"].in_(words), false()) for name in COMPONENT_COLUMNS),
         _in_run_sql(number, or_(run_sweep.c.run.in_(runs), written, in_message)),
-        and_(contains_text(sweep.c.message, word), not_(_in_run_sql(number, run_sweep.c.message != ""))),
-        SWEEP_KEY.in_(select(tag.c.key).where(contains_text(tag.c.name, word))),
+        and_(sweep.c.message.icontains(word, autoescape=True), not_(_in_run_sql(number, run_sweep.c.message != ""))),
+        SWEEP_KEY.in_(select(tag.c.key).where(tag.c.name.icontains(word, autoescape=True))),
         _key_prefix_sql(word),
     )
 

@@ -1,8 +1,10 @@
 """The language of filters: ``estimator=effective_input excitation.amplitude>=12 -tag:baseline``."""
 
+import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import datetime, timedelta
 from typing import NamedTuple
 
 from fraexp.data import units
@@ -14,6 +16,8 @@ LONG_WORD = re.compile(r"[^\W\d_]{5}")
 """Five letters, which no symbol of a unit has: coulomb is a friction law."""
 FIELDS_OF_TEXT = ("key", "state", "outcome", "source", "study", "tag", "note", "message", "created")
 """Fields whose values have no unit, beside the names of components."""
+NUMBER_WITH_UNIT = re.compile(rf"({units.NUMBER.pattern})\s*(.*)", re.DOTALL)
+TIME_FORMATS = (("%Y-%m-%d", timedelta(days=1)), ("%Y-%m-%dT%H:%M", timedelta(minutes=1)))
 
 
 @dataclass(frozen=True)
@@ -62,14 +66,7 @@ def _is_unit_of(term: Letters, place: "OperatorPlace", word: Letters) -> bool:
     may_have_unit = field.removeprefix("-") not in FIELDS_OF_TEXT
     if not (number and may_have_unit) or any(quoted for _, quoted in word) or not unit[:1].isalpha():
         return False
-    return not LONG_WORD.search(unit) and _is_unit(f"{value[number.end() :]} {unit}".strip())
-
-
-def _is_unit(text: str) -> bool:
-    try:
-        return bool(units.si(text))
-    except ParameterError:
-        return False
+    return not LONG_WORD.search(unit) and unit_in(f"1 {value[number.end() :]} {unit}") != ""
 
 
 def _split_terms(text: str) -> Iterator[Letters]:
@@ -140,3 +137,79 @@ def _check_condition(term: str, field: str, value: str) -> None:
         raise FilterError(f"filter: '{term}' has no field; expected one such as tag:baseline")
     if not value:
         raise FilterError(f"filter: '{term}' has no value; expected one such as {term}12 or {term}ok")
+
+
+UnitLookup = Callable[[], Collection[str]]
+"""Returns the units that a number can have."""
+
+
+def no_units() -> Collection[str]:
+    """Return no unit, if the units of numbers are unknown."""
+    return ()
+
+
+def parse_number(text: str, kinds: UnitLookup = no_units) -> float | None:
+    """Return the number in base units of a text such as ``12`` or ``0.1um``; None if it is not a number.
+
+    FilterError if `kinds` returns units and the text has a unit of another kind.
+    """
+    match = NUMBER_WITH_UNIT.fullmatch(text.strip())
+    if not match:
+        return None
+    value, unit = float(match[1]), match[2].strip()
+    if unit:
+        try:
+            value *= units.si(unit)[0]
+        except ParameterError:
+            return None
+        _check_unit_kind(unit, sorted(kinds()))
+    return value if math.isfinite(value) else None
+
+
+def unit_in(text: str) -> str:
+    """Return the unit after a number, such as mm in ``0.1mm``; empty if the text is no number with a known unit."""
+    match = NUMBER_WITH_UNIT.fullmatch(text.strip())
+    unit = match[2].strip() if match else ""
+    try:
+        return unit if unit and units.si(unit) else ""
+    except ParameterError:
+        return ""
+
+
+def is_of_a_kind(unit: str, kinds: Collection[str]) -> bool:
+    """Return whether a unit can be converted to one of `kinds`."""
+    return any(_unfit_text(unit, kind) == "" for kind in kinds)
+
+
+def _unfit_text(unit: str, kind: str) -> str:
+    """Return why a unit cannot be converted to another one; empty if it can."""
+    try:
+        units.factor(unit, kind)
+    except ParameterError as error:
+        return str(error)
+    return ""
+
+
+def _check_unit_kind(unit: str, kinds: Sequence[str]) -> None:
+    """Raise FilterError if a unit is of another kind than all of `kinds`."""
+    if not kinds or is_of_a_kind(unit, kinds):
+        return
+    quoting = ", or quotes around a word to search for" if " " in unit else ""
+    raise FilterError(" or ".join([_unfit_text(unit, kinds[0]), *(f"'{kind}'" for kind in kinds[1:])]) + quoting)
+
+
+def parse_time_span(text: str, now: datetime) -> tuple[datetime, datetime]:
+    """Return begin and end of a time such as ``today``, a day or a minute, in the time zone of `now`."""
+    if text.lower() in ("today", "yesterday"):
+        begin = now.replace(hour=0, minute=0, second=0, microsecond=0)
+        begin -= timedelta(days=text.lower() == "yesterday")
+        return begin, begin + timedelta(days=1)
+    for form, length in TIME_FORMATS:
+        try:
+            begin = datetime.strptime(text, form).astimezone(now.tzinfo)
+        except ValueError:
+            continue
+        return begin, begin + length
+    raise FilterError(
+        f"filter: '{text}' is not a date; expected one such as 2026-03-31, 2026-03-31T12:00, today or yesterday"
+    )

@@ -4,11 +4,12 @@ import difflib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
-from sqlalchemy import Connection, and_, or_, select
+from sqlalchemy import ColumnElement, Connection, and_, or_, select
 
 from fraexp.data.rotary_axes import rotary_unit
 from fraexp.errors import FilterError, did_you_mean
-from fraexp.store.queries.json_sql import is_of_a_kind, json_value, number_at, text_at
+from fraexp.store.queries.filters import is_of_a_kind
+from fraexp.store.queries.json_sql import JsonSql
 from fraexp.store.tables import field, metric, part, sweep
 
 METRIC_PREFIX = "metric."
@@ -28,8 +29,6 @@ SWEEP_FIELDS = (
     "created",
 )
 """Fields that all sweeps have."""
-IS_ROTARY_LOOP = and_(part.c.section == "loop", json_value(text_at, part.c.content, ["rotary"]) == "true")
-"""Whether a part is the loop of a rotary axis."""
 UnitDeclarations = Callable[[str], Mapping[str, Collection[str]]]
 """Returns the units of a parameter on a straight axis, by the component that declares it.
 
@@ -63,6 +62,16 @@ class KnownNames:
         parameters, labels, metrics = (frozenset(found[kind]) for kind in ("parameter", "label", "metric"))
         return cls(parameters, labels, metrics, connection, declared)
 
+    @property
+    def json(self) -> JsonSql:
+        """SQL of values in this database's JSON."""
+        return JsonSql(self.connection)
+
+    @property
+    def is_rotary_loop(self) -> ColumnElement[bool]:
+        """SQL of whether a part is the loop of a rotary axis."""
+        return and_(part.c.section == "loop", self.json.text(part.c.content, ["rotary"]) == "true")
+
     def units(self, name: str) -> frozenset[str]:
         """Return the units of the numbers with a name; none if they are unknown."""
         if not name.startswith(METRIC_PREFIX):
@@ -94,7 +103,7 @@ class KnownNames:
 
     def may_turn(self) -> bool:
         """Return whether a stored sweep has a rotary axis, or is measured: on an axis of either kind."""
-        found = select(part.c.number).where(or_(part.c.section == "record", IS_ROTARY_LOOP)).limit(1)
+        found = select(part.c.number).where(or_(part.c.section == "record", self.is_rotary_loop)).limit(1)
         return self.connection.scalar(found) is not None
 
     def full_name(self, name: str) -> str:
@@ -114,7 +123,7 @@ class KnownNames:
 
     def has_only_numbers(self, section: str, place: Sequence[str]) -> bool:
         """Return whether a parameter is a number wherever it is stored."""
-        number, text = (json_value(kind, part.c.content, place) for kind in (number_at, text_at))
+        number, text = self.json.number(part.c.content, place), self.json.text(part.c.content, place)
         stored = select(part.c.number).where(part.c.section == section, text.is_not(None)).limit(1)
         return (
             self.connection.scalar(stored) is not None

@@ -11,7 +11,6 @@ from fraexp.store.damage import RESTORE_HINT
 from fraexp.store.queries import reading
 from fraexp.store.queries.filter_sql import SWEEP_COLUMNS, SWEEP_KEY, condition_sql, run_view, split_parameter
 from fraexp.store.queries.filters import parse_filter
-from fraexp.store.queries.json_sql import json_value, sorted_at, text_sorted_at
 from fraexp.store.queries.known_names import (
     METRIC_PREFIX,
     KnownNames,
@@ -157,7 +156,7 @@ def _sorted_query(
         by = _sort_columns(name, names, number)
         return _joined_query(query, conditions, by, number), by
     section, place = split_parameter(name)
-    by = [json_value(kind, part.c.content, place) for kind in (sorted_at, text_sorted_at)]
+    by = names.json.sort_keys(part.c.content, place)
     return _joined_query(query, conditions, [], number, (part, part.c.number == sweep.c[f"{section}_part"])), by
 
 
@@ -175,7 +174,7 @@ def _sort_columns(name: str, names: KnownNames, number: int | None) -> list[Expr
         chosen = (metric.c.key == SWEEP_KEY, metric.c.name == name.removeprefix(METRIC_PREFIX))
         return [select(func.min(metric.c.value)).where(*chosen).scalar_subquery()]
     if name in names.labels:
-        return [json_value(kind, run_view.c.labels, [name]) for kind in (sorted_at, text_sorted_at)]
+        return names.json.sort_keys(run_view.c.labels, [name])
     error = names.unknown_name_error(name)
     raise FilterError(str(error).replace("filter:", "order:", 1))
 
