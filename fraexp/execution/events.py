@@ -22,6 +22,8 @@ class Why:
     sweeps: Sequence[Sweep]
     each: Mapping[str, str] = field(default_factory=dict)
     """Details of single sweeps, by key."""
+    paths: Sequence[str] = ()
+    """Paths of the values that are new."""
 
 
 class TimeLeft(NamedTuple):

@@ -11,13 +11,11 @@ from fraexp.data.sweep import Plain, Sweep, section_digest
 from fraexp.data.units import with_powers
 from fraexp.execution.events import Why
 from fraexp.execution.used_components import component_sections
-from fraexp.store import RunSummary, Store, StoredState, StoredSweep
+from fraexp.store import Store, StoredState, StoredSweep
 from fraexp.study.paths import unit_at
 
 MAX_COMPARED_SWEEPS = 20_000
-"""Maximum number of stored sweeps, and of new ones, that are compared."""
-MAX_CANDIDATES = 50
-"""Maximum number of stored sweeps among which the nearest one is searched."""
+"""Maximum number of stored sweeps with whose values new ones are compared."""
 MAX_VALUES = 8
 """Values of a parameter that a reason names."""
 
@@ -85,7 +83,7 @@ def reasons(
 
 
 def _explain_new(new: list[Sweep], store: Store | None, study: str, registry: Registry) -> Iterator[Why]:
-    """Yield the reasons of new sweeps: in what they differ from the nearest one of the study's newest run."""
+    """Yield the reasons of new sweeps: the values that no sweep of the study's newest run has."""
     if not new:
         return
     run = next((run for run in store.runs() if run.study == study), None) if store else None
@@ -99,41 +97,60 @@ def _explain_new(new: list[Sweep], store: Store | None, study: str, registry: Re
     broken = {of.key: of.message for of in stored if of.outcome is None and of.state == "failed"}
     again = [sweep for sweep in new if sweep.key in broken]
     if again:
-        texts = {sweep.key: broken[sweep.key] for sweep in again}
-        yield Why(True, "failed", f"not stored; the attempt of run {run.number} failed", again, texts)
-    new = [sweep for sweep in new if sweep.key not in broken]
-    if new:
-        yield from _compare_with_run(
-            new[:MAX_COMPARED_SWEEPS], [of for of in stored if of.outcome is not None], run, registry
-        )
-    if new[MAX_COMPARED_SWEEPS:]:
-        yield Why(True, "new", "not stored; too many to be compared with others", new[MAX_COMPARED_SWEEPS:])
-
-
-def _compare_with_run(
-    new: Sequence[Sweep], stored: Sequence[StoredSweep], run: RunSummary, registry: Registry
-) -> Iterator[Why]:
-    near = _Nearest(stored)
-    groups: dict[tuple[str, ...], list[tuple[Sweep, StoredSweep, dict[str, tuple[Any, Any]]]]] = defaultdict(list)
+        why = f"not stored; the attempt of run {run.number} failed"
+        yield Why(True, "failed", why, again, {sweep.key: broken[sweep.key] for sweep in again})
+    known = _StoredValues([of for of in stored if of.outcome is not None], registry)
+    groups: dict[tuple[str, ...], list[tuple[Sweep, dict[str, Any]]]] = defaultdict(list)
     for sweep in new:
-        nearest, differing = near.nearest_to(sweep)
-        if nearest is None:
-            yield Why(True, "new", f"run {run.number} of this study has no result", new)
-            return
-        groups[tuple(differing)].append((sweep, nearest, differing))
+        if sweep.key not in broken:
+            fresh = known.fresh_values(sweep.sections)
+            groups[tuple(fresh)].append((sweep, fresh))
     for paths, found in groups.items():
-        units = {path: unit_at(found[0][0].sections, path, registry) for path in paths}
-        texts = []
-        for path in paths:
-            values = [differing[path] for _, _, differing in found]
-            texts.append(_difference_text(path, [now for now, _ in values], [then for _, then in values], units[path]))
-        each = {sweep.key: _sweep_differences(nearest, differing, units) for sweep, nearest, differing in found}
-        reason = f"{', '.join(texts)} (compared with the nearest sweep of run {run.number})"
-        yield Why(True, "new", reason, [sweep for sweep, _, _ in found], each)
+        texts = [known.difference_text(path, [fresh[path] for _, fresh in found], found[0][0]) for path in paths]
+        reason = ", ".join(texts) or "its values are stored, but not together"
+        each = {
+            sweep.key: ", ".join(known.difference_text(path, [value], sweep) for path, value in fresh.items())
+            for sweep, fresh in found
+            if fresh
+        }
+        yield Why(True, "new", f"{reason} (in run {run.number})", [sweep for sweep, _ in found], each, paths)
 
 
-def _difference_text(path: str, now: Sequence[Any], then: Sequence[Any], unit: str) -> str:
-    return f"{path} = {_values_text(now, unit)}, stored {_values_text(then, unit)}"
+class _StoredValues:
+    """All values that stored sweeps have, by path."""
+
+    def __init__(self, stored: Sequence[StoredSweep], registry: Registry) -> None:
+        self._registry = registry
+        self._known: dict[str, dict[str, Any]] = defaultdict(dict)
+        sections = {id(section): (name, section) for of in stored for name, section in of.sections.items()}
+        for name, section in sections.values():  # which sweeps share
+            self._add(name, section)
+
+    def _add(self, path: str, data: Any) -> None:
+        if isinstance(data, Mapping):
+            for key, value in data.items():
+                self._add(f"{path}.{key}", value)
+        else:
+            self._known[path][canonical(data)] = data
+
+    def fresh_values(self, data: Plain, path: str = "") -> dict[str, Any]:
+        """Return the values that no stored sweep has, by path; of a component that none has its name alone."""
+        found: dict[str, Any] = {}
+        for key, value in data.items():
+            at = f"{path}.{key}" if path else key
+            if isinstance(value, Mapping):
+                found |= self.fresh_values(value, at)
+            elif canonical(value) not in self._known.get(at, ()):
+                if key == "name":
+                    return {at: value}
+                found[at] = value
+        return found
+
+    def difference_text(self, path: str, now: Sequence[Any], sweep: Sweep) -> str:
+        """Return new values of a path beside the stored ones."""
+        unit = unit_at(sweep.sections, path, self._registry)
+        then = list(self._known[path].values()) if path in self._known else [None]
+        return f"{path} = {_values_text(now, unit)}, stored {_values_text(then, unit)}"
 
 
 def _values_text(values: Sequence[Any], unit: str) -> str:
@@ -149,59 +166,3 @@ def _value_text(value: Any) -> str:
         return f"{value:.6g}"
     text = "none" if value is None else value if isinstance(value, str) else canonical(value)
     return text if len(text) <= 30 else f"{text[:27]}..."
-
-
-def _sweep_differences(nearest: StoredSweep, differing: Mapping[str, tuple[Any, Any]], units: Mapping[str, str]) -> str:
-    texts = (_difference_text(path, [now], [then], units[path]) for path, (now, then) in differing.items())
-    return f"{', '.join(texts)} in sweep {nearest.key[4:12]}"
-
-
-class _Nearest:
-    """Stored sweeps, found by all sections but one: what differs is nearly always in one section."""
-
-    def __init__(self, stored: Sequence[StoredSweep]) -> None:
-        self._stored = stored
-        self._but_one: dict[tuple[Any, ...], list[StoredSweep]] = defaultdict(list)
-        for sweep in stored:
-            for omitted in self._hashes_without_one(sweep):
-                self._but_one[omitted].append(sweep)
-
-    def nearest_to(self, sweep: Sweep) -> tuple[StoredSweep | None, dict[str, tuple[Any, Any]]]:
-        """Return the stored sweep that differs least from one, and the differences: path with new and stored value."""
-        candidates = [
-            of for omitted in self._hashes_without_one(sweep) for of in self._but_one.get(omitted, ())[:MAX_CANDIDATES]
-        ]
-        best: tuple[StoredSweep | None, dict[str, tuple[Any, Any]]] = (None, {})
-        for candidate in candidates or self._stored[:MAX_CANDIDATES]:
-            differing = dict(_differences(candidate.sections, sweep.sections))
-            if best[0] is None or _distance(differing) < _distance(best[1]):
-                best = (candidate, differing)
-        return best
-
-    def _hashes_without_one(self, sweep: Sweep | StoredSweep) -> list[tuple[Any, ...]]:
-        hashes = [(name, section_digest(section)) for name, section in sorted(sweep.sections.items())]
-        return [(name, *hashes[:at], *hashes[at + 1 :]) for at, (name, _) in enumerate(hashes)]
-
-
-def _distance(differing: Mapping[str, tuple[Any, Any]]) -> tuple[int, float]:
-    """Return how far two sweeps are from each other: in how many parameters, then by how much."""
-    return len(differing), sum(_relative_difference(now, then) for now, then in differing.values())
-
-
-def _relative_difference(now: Any, then: Any) -> float:
-    if any(type(value) not in (int, float) for value in (now, then)):
-        return 1.0
-    return float(abs(now - then) / (max(abs(now), abs(then)) or 1))
-
-
-def _differences(then: Plain, now: Plain, path: str = "") -> Iterator[tuple[str, tuple[Any, Any]]]:
-    """Yield path, value now and value then of what differs; of another component its name alone."""
-    if now.get("name") != then.get("name"):
-        yield (path or "name"), (now.get("name"), then.get("name"))
-        return
-    for key in dict.fromkeys((*now, *then)):
-        one, other = now.get(key), then.get(key)
-        if isinstance(one, Mapping) and isinstance(other, Mapping):
-            yield from _differences(other, one, f"{path}.{key}" if path else key)
-        elif one != other:
-            yield (f"{path}.{key}" if path else key), (one, other)

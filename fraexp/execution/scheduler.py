@@ -1,6 +1,5 @@
 """Runs of a study: missing sweeps are computed, stored ones are reused, and events report the progress."""
 
-import re
 import shlex
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing, nullcontext, suppress
@@ -25,7 +24,6 @@ from fraexp.study.study_file import ResolvedStudy
 
 MAX_EXPLAINED_SWEEPS = 2000
 """Maximum number of sweeps for which a run says by itself why nothing is reused."""
-VERSION_PATTERN = re.compile(r"\bversion\b")
 
 
 def plan(
@@ -127,7 +125,7 @@ def _notice_new_versions(study: ResolvedStudy, planned: Planned, store: Store, r
     if not any(run.study == study.name for run in store.runs()):
         return
     for why in reasons(study.sweeps, {}, (), {}, store, study.name, registry):
-        if VERSION_PATTERN.search(why.reason):
+        if any(path.endswith(".version") for path in why.paths):
             count = f"{len(why.sweeps):,} of {planned.total:,}"
             yield Noticed(f"nothing is reused, because components have changed: {count}: {why.reason}")
 

@@ -20,7 +20,7 @@ from fraexp.store.sealing import (
     read_origin_rows,
     read_run_rows,
     seal_annotations,
-    seal_membership,
+    seal_places,
     seal_run,
 )
 from fraexp.store.tables import PARTS, key_chunks, metadata, part, run, run_sweep, sweep
@@ -29,7 +29,7 @@ from fraexp.store.tables import PARTS, key_chunks, metadata, part, run, run_swee
 def seal_database(connection: Connection) -> None:
     """Compute all digests anew, and which sweeps runs have."""
     keys = list(connection.scalars(select(sweep.c.key)))
-    seal_membership(connection, keys)
+    seal_places(connection, keys)
     seal_sweeps(connection, keys)
     for number in list(connection.scalars(select(run.c.number))):
         _seal_run_sweeps(connection, number)
