@@ -15,7 +15,7 @@ import re
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -129,13 +129,11 @@ class Dask(Workers):
     """The suitable workers of a cluster. All is done by one thread, which reads its actions from a queue."""
 
     def __init__(self, name: str, limits: ResourceLimits) -> None:
+        super().__init__()
         self._address, self._timeout, self._limits = check_executor_name(name), cluster_timeout(), limits
         self._run = uuid4().hex[:12]
         self._code = code_hashes()
         self._actions: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
-        self._progress: queue.SimpleQueue[tuple[int, float]] = queue.SimpleQueue()
-        self._compilations: queue.SimpleQueue[tuple[int, str]] = queue.SimpleQueue()
-        self._notes: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._client: Any = None
         self._executor: Any = None
         self._members: dict[str, _Member] = {}
@@ -146,7 +144,6 @@ class Dask(Workers):
         """Time without an answer of the scheduler, without a worker that may compute, and without one that does [s]."""
         self._is_silence_told = False
         self._refusals = 0
-        self._failure: StudyError | UnreachedError | None = None
         self._ready = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True, name="fraexp dask")
         self._thread.start()
@@ -167,17 +164,6 @@ class Dask(Workers):
         task = _Task(number, pickle.dumps(split_requirements(job), pickle.HIGHEST_PROTOCOL))
         self._actions.put(lambda: self._add(task))
         return task.future
-
-    def reports(self) -> Iterator[tuple[int, float]]:
-        if self._failure:
-            raise self._failure
-        yield from _drain(self._progress)
-
-    def compilations(self) -> Iterator[tuple[int, str]]:
-        yield from _drain(self._compilations)
-
-    def notes(self) -> Iterator[str]:
-        yield from _drain(self._notes)
 
     def status(self) -> str:
         if self._silence >= NOTICE_DELAY_S or not self._client:
@@ -363,11 +349,8 @@ class Dask(Workers):
         """Give up jobs whose workers have all left the cluster: they died with one, or it took its leave."""
         was_fit, member.is_fit = member.is_fit, False
         if was_fit:
-            why = WorkerLostError(
-                f"its Dask worker {member} was lost, as by a crash or for lack of memory; see its log"
-            )
             for task in self._recall(lambda task: not any(one.is_fit for one in task.members)):
-                self._settle(task, error=why)
+                self._settle(task, error=_loss(member))
 
     def _recall(self, chosen: Callable[[_Task], bool]) -> list[_Task]:
         """Cancel the sent jobs that are chosen, and return them."""
@@ -496,11 +479,6 @@ def cause_text(error: BaseException | None) -> str:
 def first_line(error: object) -> str:
     """Return the first line of an error's text."""
     return next(iter(str(error).splitlines()), "")
-
-
-def _drain(items: "queue.SimpleQueue[Any]") -> Iterator[Any]:
-    while not items.empty():
-        yield items.get()
 
 
 def _for_seconds(duration: float) -> str:

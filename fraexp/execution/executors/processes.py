@@ -3,7 +3,6 @@
 import multiprocessing
 import os
 import pickle
-import queue
 import signal
 import sys
 import threading
@@ -20,15 +19,7 @@ from types import ModuleType
 
 from fraexp.errors import StudyError
 from fraexp.execution.executors.limits import ResourceLimits, size_text
-from fraexp.execution.executors.worker import (
-    CompilationReport,
-    EstimatorStarted,
-    JobProgress,
-    LastAnswer,
-    Message,
-    WorkerReady,
-    serve_jobs,
-)
+from fraexp.execution.executors.worker import Message, serve_jobs
 from fraexp.execution.executors.workers import Answer, WorkerLostError, Workers
 from fraexp.execution.job import Job
 
@@ -84,12 +75,11 @@ class Processes(Workers):
     """A fixed number of processes; one that dies is replaced. A thread sends jobs and receives messages."""
 
     def __init__(self, count: int, limits: ResourceLimits) -> None:
+        super().__init__()
         self.count = count
         self._limits = limits
         self._workers: list[_Worker] = []
         self._waiting: deque[_ProcessTask] = deque()
-        self._progress: queue.SimpleQueue[tuple[int, float]] = queue.SimpleQueue()
-        self._compilations: queue.SimpleQueue[tuple[int, str]] = queue.SimpleQueue()
         self._wake_receiver, self._wake_sender = SPAWN_CONTEXT.Pipe(duplex=False)
         self._lock = threading.Lock()
         """Held while a worker is added, all are ended, or the thread is woken."""
@@ -97,7 +87,6 @@ class Processes(Workers):
         self._startup_failures = 0
         self._seconds = 1.0
         """Approximate duration of a job."""
-        self._broken = ""
         self._thread = threading.Thread(target=self._serve_workers, daemon=True)
         self._thread.start()
 
@@ -106,16 +95,6 @@ class Processes(Workers):
         self._waiting.append(task)
         self._wake_thread()
         return task.future
-
-    def reports(self) -> Iterator[tuple[int, float]]:
-        if self._broken:
-            raise StudyError(self._broken)
-        while not self._progress.empty():
-            yield self._progress.get()
-
-    def compilations(self) -> Iterator[tuple[int, str]]:
-        while not self._compilations.empty():
-            yield self._compilations.get()
 
     def stop(self) -> None:
         with self._lock:
@@ -139,12 +118,12 @@ class Processes(Workers):
     def _serve_workers(self) -> None:
         """Send jobs and receive messages until the end; this is what the thread runs."""
         try:
-            while not (self._is_stopped or self._broken or (self._is_closing and self._is_idle())):
+            while not (self._is_stopped or self._failure or (self._is_closing and self._is_idle())):
                 self._receive(wait(self._waitables(), self._time_to_limit()))
                 self._kill_overdue()
                 self._distribute_tasks()
         except Exception as error:  # nobody must wait in vain
-            self._broken = f"the worker processes cannot be served: {type(error).__name__}: {error}"
+            self._failure = StudyError(f"the worker processes cannot be served: {type(error).__name__}: {error}")
         self._end_workers()
 
     def _is_idle(self) -> bool:
@@ -181,27 +160,28 @@ class Processes(Workers):
                     self._remove_dead(worker)
 
     def _handle_message(self, worker: _Worker, said: Message) -> None:
-        if isinstance(said, WorkerReady):
-            worker.ready = True
-            self._startup_failures = 0
-        elif isinstance(said, CompilationReport):
-            self._compilations.put((worker.tasks[0].number, said.laws))
-        elif isinstance(said, JobProgress):
-            self._progress.put((worker.tasks[0].number, said.done))
-        elif isinstance(said, EstimatorStarted):
-            self._progress.put((worker.tasks[0].number, 1.0))
-            worker.estimator = said.index
-            worker.since = time.monotonic() if said.index else worker.since
-        elif isinstance(said, LastAnswer):
-            worker.tasks.popleft().future.set_result(said.answer)
-            self._waiting.extendleft(reversed(worker.tasks))  # the worker ends, and they are not to blame
-            worker.tasks.clear()
-        else:
-            task = worker.tasks.popleft()
-            self._seconds += 0.2 * (time.monotonic() - worker.began - self._seconds)
-            task.future.set_result(said)
-            if worker.tasks:
-                self._begin_task(worker)
+        match said.what:
+            case "ready":
+                worker.ready = True
+                self._startup_failures = 0
+            case "compiles":
+                self._compilations.put((worker.tasks[0].number, said.value))
+            case "progress":
+                self._progress.put((worker.tasks[0].number, said.value))
+            case "estimator":
+                self._progress.put((worker.tasks[0].number, 1.0))
+                worker.estimator = said.value
+                worker.since = time.monotonic() if said.value else worker.since
+            case "last answer":
+                worker.tasks.popleft().future.set_result(said.value)
+                self._waiting.extendleft(reversed(worker.tasks))  # the worker ends, and they are not to blame
+                worker.tasks.clear()
+            case "answer":
+                task = worker.tasks.popleft()
+                self._seconds += 0.2 * (time.monotonic() - worker.began - self._seconds)
+                task.future.set_result(said.value)
+                if worker.tasks:
+                    self._begin_task(worker)
 
     def _begin_task(self, worker: _Worker) -> None:
         worker.note_start()
@@ -225,7 +205,7 @@ class Processes(Workers):
         if not worker.ready:
             self._startup_failures += 1
             if self._startup_failures >= MAX_STARTUP_FAILURES:
-                self._broken = f"no worker process can start: {reason}"
+                self._failure = StudyError(f"no worker process can start: {reason}")
         if worker.tasks:
             lost_task = worker.tasks.popleft()
             self._waiting.extendleft(reversed(worker.tasks))
@@ -234,7 +214,7 @@ class Processes(Workers):
 
     def _distribute_tasks(self) -> None:
         """Start the workers that are needed, and send waiting tasks, first to idle workers."""
-        while len(self._workers) < self.count and self._needs_worker() and not (self._is_stopped or self._broken):
+        while len(self._workers) < self.count and self._needs_worker() and not (self._is_stopped or self._failure):
             self._start_worker()
         for worker in sorted(self._workers, key=lambda worker: len(worker.tasks)):
             while self._waiting and worker.ready and self._has_room(worker):
@@ -276,7 +256,7 @@ class Processes(Workers):
         """End all workers; idle ones end by themselves."""
         for worker in self._workers:
             worker.jobs.close()
-        deadline = time.monotonic() + (0.0 if self._is_stopped or self._broken else SHUTDOWN_TIMEOUT_S)
+        deadline = time.monotonic() + (0.0 if self._is_stopped or self._failure else SHUTDOWN_TIMEOUT_S)
         for worker in self._workers:
             worker.process.join(max(deadline - time.monotonic(), 0.0))
             worker.process.kill()

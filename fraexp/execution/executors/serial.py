@@ -2,7 +2,6 @@
 
 import queue
 import threading
-from collections.abc import Iterator
 from concurrent.futures import Future
 
 from fraexp.execution.executors.limits import ResourceLimits
@@ -17,10 +16,9 @@ class Serial(Workers):
     count = 1
 
     def __init__(self, limits: ResourceLimits) -> None:
+        super().__init__()
         self._limits = limits
         self._tasks: queue.SimpleQueue[tuple[int, Job, Future[Answer]] | None] = queue.SimpleQueue()
-        self._progress: queue.SimpleQueue[tuple[int, float]] = queue.SimpleQueue()
-        self._compilations: queue.SimpleQueue[tuple[int, str]] = queue.SimpleQueue()
         self._is_stopped = False
         self._thread = threading.Thread(target=self._run_jobs, daemon=True)  # the process does not wait for it
         self._thread.start()
@@ -29,14 +27,6 @@ class Serial(Workers):
         future: Future[Answer] = Future()
         self._tasks.put((number, job, future))
         return future
-
-    def reports(self) -> Iterator[tuple[int, float]]:
-        while not self._progress.empty():
-            yield self._progress.get()
-
-    def compilations(self) -> Iterator[tuple[int, str]]:
-        while not self._compilations.empty():
-            yield self._compilations.get()
 
     def stop(self) -> None:
         self._is_stopped = True

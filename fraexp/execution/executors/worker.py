@@ -7,8 +7,9 @@ import signal
 import sys
 import threading
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing.connection import Connection
+from typing import Any, Literal, NamedTuple
 
 from fraexp.execution.executors.limits import cap_memory, size_text
 from fraexp.execution.executors.workers import Answer
@@ -20,42 +21,14 @@ PROGRESS_INTERVAL_S = 0.1
 PIPE_ERRORS = (BrokenPipeError, ConnectionResetError)
 
 
-@dataclass(frozen=True)
-class WorkerReady:
-    """The worker has started and waits for jobs."""
+class Message(NamedTuple):
+    """What a worker sends."""
 
-
-@dataclass(frozen=True)
-class JobProgress:
-    """The fraction of a job's experiment that is done."""
-
-    done: float
-
-
-@dataclass(frozen=True)
-class EstimatorStarted:
-    """The experiment of a job is done, and an estimator begins."""
-
-    index: int
-
-
-@dataclass(frozen=True)
-class CompilationReport:
-    """A job begins or ends to compile friction laws."""
-
-    laws: str
-    """Their names, as the user reads them; empty at the end."""
-
-
-@dataclass(frozen=True)
-class LastAnswer:
-    """The answer of a job in which a law hangs; the worker then ends itself, because its thread cannot be stopped."""
-
-    answer: Answer
-
-
-Message = WorkerReady | JobProgress | EstimatorStarted | CompilationReport | LastAnswer | Answer
-"""What a worker sends."""
+    what: Literal["ready", "progress", "estimator", "compiles", "answer", "last answer"]
+    """After its last answer, in whose job a law hangs, it ends itself, because its thread cannot be stopped."""
+    value: Any = None
+    """The fraction of the experiment that is done, the index of the estimator that begins, the friction laws that are
+    compiled, none at the end, or the answer."""
 
 
 def serve_jobs(jobs: Connection, answers: Connection, memory: int | None) -> None:
@@ -65,40 +38,40 @@ def serve_jobs(jobs: Connection, answers: Connection, memory: int | None) -> Non
     _end_when_parent_ends()
     cap_memory(memory)
     try:
-        answers.send(WorkerReady())
+        answers.send(Message("ready"))
         while True:
             job = jobs.recv()
-            answer = _run(job, answers)
-            if isinstance(answer, LastAnswer):
-                answers.send(answer)
+            said = _run(job, answers)
+            if said.what == "last answer":
+                answers.send(said)
                 os._exit(1)
-            _send_answer(answers, _with_memory_limit(answer, memory), job)
+            _send_answer(answers, _with_memory_limit(said.value, memory), job)
     except (EOFError, *PIPE_ERRORS):
         os._exit(0)  # nothing needs a clean-up, and the interpreter's own takes time
 
 
-def _run(job: Job, answers: Connection) -> Answer | LastAnswer:
+def _run(job: Job, answers: Connection) -> Message:
     last = time.monotonic()
 
     def report_progress(done: float) -> None:
         nonlocal last
         if time.monotonic() - last > PROGRESS_INTERVAL_S:
             last = time.monotonic()
-            answers.send(JobProgress(done))
+            answers.send(Message("progress", done))
 
     def report_estimator(estimator: int) -> None:
         if len(job.estimators) > 1:
-            answers.send(EstimatorStarted(estimator))
+            answers.send(Message("estimator", estimator))
 
     def report_compilation(laws: str) -> None:
-        answers.send(CompilationReport(laws))
+        answers.send(Message("compiles", laws))
 
     end = run_watched_job(job, report_progress, report_estimator, report_compilation)
     if isinstance(end.error, PIPE_ERRORS):
         raise end.error
     if end.error is not None:  # such as a plugin's sys.exit(): the worker goes on with other jobs
-        return [describe_failure(end.error)] * len(job.estimators)
-    return LastAnswer(end.answer) if end.hangs else end.answer
+        return Message("answer", [describe_failure(end.error)] * len(job.estimators))
+    return Message("last answer" if end.hangs else "answer", end.answer)
 
 
 def _with_memory_limit(answer: Answer, memory: int | None) -> Answer:
@@ -114,11 +87,11 @@ def _with_memory_limit(answer: Answer, memory: int | None) -> Answer:
 
 def _send_answer(answers: Connection, answer: Answer, job: Job) -> None:
     try:
-        answers.send(answer)
+        answers.send(Message("answer", answer))
     except PIPE_ERRORS:
         raise
     except Exception as error:  # a plugin's result cannot be pickled; nothing of it has been written
-        answers.send([describe_failure(error)] * len(job.estimators))
+        answers.send(Message("answer", [describe_failure(error)] * len(job.estimators)))
 
 
 def _end_when_parent_ends() -> None:

@@ -3,11 +3,14 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from concurrent.futures import Future
-from typing import Self
+from queue import SimpleQueue
+from typing import Self, TypeVar
 
 from fraexp.data.results import Result
+from fraexp.errors import FraexpError
 from fraexp.execution.job import Failure, Job
 
+Item = TypeVar("Item")
 Answer = list[Result | Failure]
 """The result or the failure of each estimator of a job, in their order."""
 
@@ -33,21 +36,30 @@ class Workers(ABC):
     count: int
     """Number of jobs that are computed at the same time; it changes when workers come and go, and may be 0."""
 
+    def __init__(self) -> None:
+        self._progress: SimpleQueue[tuple[int, float]] = SimpleQueue()
+        self._compilations: SimpleQueue[tuple[int, str]] = SimpleQueue()
+        self._notes: SimpleQueue[str] = SimpleQueue()
+        self._failure: FraexpError | None = None
+        """Why nothing more can be computed; None as long as workers go on."""
+
     @abstractmethod
     def submit(self, number: int, job: Job) -> "Future[Answer]":
         """Send a job to the next free worker; `number` identifies it in `reports` and `compilations`."""
 
-    @abstractmethod
     def reports(self) -> Iterator[tuple[int, float]]:
         """Yield the number of each job that has reported since the last call, and the fraction done; called often."""
+        if self._failure:
+            raise self._failure
+        yield from _drain(self._progress)
 
     def compilations(self) -> Iterator[tuple[int, str]]:
         """Yield the number of each job that has begun to compile since the last call, and its laws; none at the end."""
-        yield from ()
+        yield from _drain(self._compilations)
 
     def notes(self) -> Iterator[str]:
         """Yield messages for the user about the workers, such as one that is not used; called often."""
-        yield from ()
+        yield from _drain(self._notes)
 
     def status(self) -> str:
         """Return what delays the run, such as ``no workers for 20 s``; empty if nothing does; called often."""
@@ -69,3 +81,8 @@ class Workers(ABC):
             self.close()
         else:
             self.stop()
+
+
+def _drain(items: "SimpleQueue[Item]") -> Iterator[Item]:
+    while not items.empty():
+        yield items.get()
