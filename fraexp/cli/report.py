@@ -9,11 +9,11 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_path, say
 from fraexp.cli.sweep_lookup import find_run_number
 from fraexp.errors import FraexpError
-from fraexp.reports.html_report import check_target
 from fraexp.reports.published_comparisons import verdict
 from fraexp.store import Store
 from fraexp.study.published_values import PublishedComparison
 from fraexp.study.study_file import find_studies, packaged_studies
+from fraexp.views.html_report import check_target, report_runs
 from fraexp.workspace.workspace_service import WorkspaceService
 
 
@@ -70,7 +70,7 @@ def _study_folders(names: Sequence[str], folder: Path) -> Iterator[tuple[str, li
 def _write(
     workspace: WorkspaceService, store: Store, runs: Sequence[int], path: Path, title: str, as_talk: bool = False
 ) -> list[PublishedComparison]:
-    compared = workspace.report(store, runs, path, title)
+    compared = report_runs(workspace, store, runs, path, title)
     if as_talk:
         say(f"report {path}")
     else:

@@ -16,12 +16,12 @@ from fraexp.errors import FraexpError
 from fraexp.figures.elements.scales import PLANT_UNITS
 from fraexp.figures.result_files import json_value
 from fraexp.reports.published_comparisons import comparison_document, verdict
-from fraexp.reports.report_tables import published_table
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
 from fraexp.study.published_values import PublishedComparison
 from fraexp.study.stated_controller import stated_controller
 from fraexp.views.fields import drawn_labels, remedies, run_fields, sweep_fields
 from fraexp.views.loop_margins_table import LOOP_COLUMNS, loop_margins, loop_rows
+from fraexp.views.report_tables import published_table
 from fraexp.views.resolved_parameters import resolved_parameters
 from fraexp.views.result_rows import (
     FIT_COLUMNS,

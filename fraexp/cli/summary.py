@@ -3,23 +3,21 @@
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fraexp.cli.output import print_fields, print_line, print_table, say
 from fraexp.components.registry import Registry
-from fraexp.data.results import Metric, Outcome, Result
+from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import DRAW, Plain
-from fraexp.data.units import with_powers
 from fraexp.figures.elements.grouping import group_sweeps, point_indices
 from fraexp.figures.elements.label_units import label_units
 from fraexp.figures.elements.labels import MAX_GROUPS, label_columns, label_texts
 from fraexp.store import StoredSweep
 from fraexp.views.fields import outcome_text
-from fraexp.views.text_tables import magnitude_near, reference_frequencies, sweep_table
-from fraexp.views.words import fixed_text, number_text, plural, short_key
+from fraexp.views.text_tables import Quantity, label_values, magnitudes, metric_quantities, sweep_table
+from fraexp.views.words import plural, short_key
 
 MAX_LISTED_SWEEPS = 40
 """Maximum number of sweeps that a terminal lists; more are summarised."""
@@ -30,21 +28,6 @@ WORST_COLUMNS = ["worst draw", "group", "value", "draw", "sweep"]
 QUANTILE_COLUMNS = ["over the sweeps", "group", "minimum", "5 %", "median", "95 %", "maximum", "sweeps"]
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A quantity of the sweeps, which some may lack."""
-
-    title: str
-    values: NDArray[np.float64]
-    """One for each sweep, NaN where it is missing, shape (n,)."""
-    decimals: int | None = None
-    """Decimals to show; None for four significant digits."""
-
-    def text(self, value: float) -> str:
-        """Return a value as text."""
-        return number_text(value, 4) if self.decimals is None else fixed_text(value, self.decimals)
-
-
 def needs_summary(count: int) -> bool:
     """Return whether a summary replaces the table: on a terminal only, as elsewhere a program may read the rows."""
     return count > MAX_LISTED_SWEEPS and sys.stdout.isatty()
@@ -52,24 +35,19 @@ def needs_summary(count: int) -> bool:
 
 def print_summary(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], registry: Registry) -> None:
     """Print the outcomes of many sweeps, and quantiles of their labels, magnitudes and metrics."""
-    sections = ((sweep.labels, sweep.sections) for sweep in sweeps)
-    units = label_units(sections, registry)
     outcomes = [outcome_text(sweep) or sweep.state for sweep in sweeps]
-    columns = label_columns([sweep.labels for sweep in sweeps])
-    titles = {path: _with_unit(title, units.get(path, "")) for path, title in columns.items()}
-    values = {path: [sweep.labels.get(path) for sweep in sweeps] for path in titles}
-    varied = [path for path, column in values.items() if is_continuous(column) and path != DRAW]
-    counted = [
-        (titles[path], counts_of_texts(label_texts(column))) for path, column in values.items() if path not in varied
-    ]
+    labels = label_values(sweeps, registry)
+    varied = [of for path, of in labels.items() if is_continuous(of[1]) and path != DRAW]
+    counted = [(title, counts_of_texts(label_texts(of))) for title, of in labels.values() if (title, of) not in varied]
     print_fields([("sweeps", str(len(sweeps))), ("outcomes", counts_of_texts(outcomes)), *counted])
     print()
+    units = label_units(((sweep.labels, sweep.sections) for sweep in sweeps), registry)
     groups, sampled = _row_groups([sweep.labels for sweep in sweeps], units)
-    labels = [Quantity(titles[path], np.array(values[path], dtype=float)) for path in varied]
     found = [results.get(sweep.key) for sweep in sweeps]
-    metrics = _metrics(found)
-    rows = quantile_rows(labels, [""] * len(sweeps), False)
-    rows += quantile_rows([*_magnitudes(found), *metrics], groups, sampled)
+    metrics = metric_quantities(found, is_whole=True)
+    drawn = [Quantity(title, np.array(values, dtype=float)) for title, values in varied]
+    rows = quantile_rows(drawn, [""] * len(sweeps), False)
+    rows += quantile_rows([_settled_shares(found), *_magnitudes(found), *metrics], groups, sampled)
     print_table(QUANTILE_COLUMNS, rows)  # without columns that are empty
     worst = worst_rows(metrics, groups, sweeps)
     if worst:
@@ -127,7 +105,7 @@ def quantile_rows(quantities: Sequence[Quantity], groups: Sequence[str], sampled
             known = quantity.values[chosen & np.isfinite(quantity.values)]
             if len(known):
                 levels = zip(QUANTILE_LEVELS, np.quantile(known, QUANTILE_LEVELS), strict=True)
-                texts = [quantity.text(float(of)) if sampled or share in (0, 1) else "" for share, of in levels]
+                texts = [quantity.text(float(of), 4) if sampled or share in (0, 1) else "" for share, of in levels]
                 rows.append([quantity.title, name, *texts, "" if len(known) == chosen.sum() else str(len(known))])
     return rows
 
@@ -144,35 +122,17 @@ def worst_rows(metrics: Sequence[Quantity], groups: Sequence[str], sweeps: Seque
             ]
             if len({float(metric.values[index]) for index in chosen}) > 1:
                 at = max(chosen, key=lambda index: abs(metric.values[index]))
-                value, number_ = metric.text(float(metric.values[at])), label_texts([sweeps[at].labels[DRAW]])
+                value, number_ = metric.text(float(metric.values[at]), 4), label_texts([sweeps[at].labels[DRAW]])
                 rows.append([metric.title, name, value, *number_, short_key(sweeps[at].key)])
     return rows
 
 
-def _magnitudes(results: Sequence[Result | None]) -> list[Quantity]:
-    responses = [result.response if result and result.response else None for result in results]
-    known = [response for response in responses if response and len(response.frequency)]
-    spots, unit = reference_frequencies(known)
+def _settled_shares(results: Sequence[Result | None]) -> Quantity:
+    responses = [result.response if result else None for result in results]
     share = [100 * of.settled.mean() if of and len(of.frequency) else np.nan for of in responses]
-    found = [Quantity("settled [%]", np.array(share, dtype=float))]
-    for title, spot in spots.items():
-        levels = [magnitude_near(of, spot) if of and len(of.frequency) else np.nan for of in responses]
-        found.append(Quantity(f"{title} [dB re 1 {unit}]", np.array(levels), decimals=2))
-    return found
+    return Quantity("settled [%]", np.array(share, dtype=float))
 
 
-def _metrics(results: Sequence[Result | None]) -> list[Quantity]:
-    metrics = [{(of.name, of.unit): of for of in result.metrics} if result else {} for result in results]
-    found = []
-    for name, metric_unit in dict.fromkeys(key for of in metrics for key in of):
-        values = [_value(of.get((name, metric_unit))) for of in metrics]
-        found.append(Quantity(_with_unit(name, metric_unit), np.array(values)))
-    return found
-
-
-def _value(metric: Metric | None) -> float:
-    return np.nan if metric is None else float(metric.value)
-
-
-def _with_unit(title: str, unit: str) -> str:
-    return f"{title} [{with_powers(unit)}]" if unit not in ("", "1") else title
+def _magnitudes(results: Sequence[Result | None]) -> list[Quantity]:
+    found, unit = magnitudes(results)
+    return [replace(of, title=f"{of.title} [dB re 1 {unit}]") for of in found]

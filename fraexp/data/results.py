@@ -40,6 +40,11 @@ class Outcome(Enum):
         "fraexp merge saves all that is sound into a new database"
     )
 
+    @property
+    def words(self) -> str:
+        """The name as people read it, such as ``not settled``."""
+        return self.name.lower().replace("_", " ")
+
     def remedy(self, message: str) -> str:
         """Return what to do about a result with this message.
 

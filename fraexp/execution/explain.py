@@ -64,7 +64,7 @@ def reasons(
         anew = sweep.key in again
         unusable = state is not None and state.outcome in UNUSABLE_OUTCOMES
         if state is not None and unusable:
-            each[sweep.key] = state.outcome.name.lower().replace("_", " ")
+            each[sweep.key] = state.outcome.words
         if state is None:
             groups[True, "new", ""].append(sweep)
         elif sweep.key in stale:

@@ -1,7 +1,7 @@
 """Numbers that a publication prints, what a study computes in their place, and how people write both."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -18,9 +18,6 @@ NORMAL_QUANTILE = 1.959963984540054
 """Half width of a 95 % interval in standard deviations."""
 HALF_WIDTH_ENDING = ", 95 %"
 """Ending of a metric's name that marks it as the half width of another metric's 95 % interval."""
-PREFIXED_UNITS = ("m", "s", "rad", "N m", "N*m")
-"""Units that are written with a prefix where their numbers are small."""
-PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"))
 MAX_DIGITS = 4
 """Significant digits of a number without a confidence interval."""
 
@@ -241,17 +238,6 @@ def half_widths(result: Result) -> dict[str, float]:
     return found
 
 
-def readable_unit(unit: str, values: Iterable[float]) -> tuple[float, str]:
-    """Return the factor to, and the name of, the unit in which people write such numbers: 1e-5 m are 10 µm."""
-    greatest = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
-    if unit.startswith(("m/", "rad/(")):
-        return (1e3, f"m{unit}")
-    if unit not in PREFIXED_UNITS or not greatest:
-        return (1.0, unit)
-    scale, prefix = next((pair for pair in PREFIXES if greatest >= pair[0] * (1 - RELATIVE_ROUNDING)), PREFIXES[-1])
-    return (1 / scale, f"{prefix}{unit}")
-
-
 def number_text(value: float, half: float = math.nan, like: float = math.nan) -> str:
     """Return a number with half the width of its interval, to the second digit of that; without one in short.
 
@@ -260,12 +246,17 @@ def number_text(value: float, half: float = math.nan, like: float = math.nan) ->
     if not math.isfinite(value):
         return "–"
     if math.isfinite(half) and half > RELATIVE_ROUNDING * abs(value):
-        return f"{round_to_width(value, half)} ± {round_to_width(half, half)}"
+        return interval_text(value, half)
     if math.isfinite(like) and like > RELATIVE_ROUNDING * abs(value):
         return round_to_width(value, like)
     if 10**MAX_DIGITS <= abs(value) < 1e6 or (value == round(value) and abs(value) < 1e6):
         return f"{value:.0f}"
     return f"{value:.{MAX_DIGITS}g}"
+
+
+def interval_text(value: float, half: float) -> str:
+    """Return a number with half the width of its interval, both to the second digit of that."""
+    return f"{round_to_width(value, half)} ± {round_to_width(half, half)}"
 
 
 def round_to_width(value: float, half: float) -> str:

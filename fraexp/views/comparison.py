@@ -130,12 +130,15 @@ def _merge(values: Sequence[Any]) -> object:
 
 
 def _parameter_row(path: str, row: Sequence[object], sweeps: Sequence[StoredSweep], registry: Registry) -> list[str]:
-    units = [_unit(sweep, path, registry) for sweep, value in zip(sweeps, row, strict=True) if value is not None]
+    units = [
+        declared_unit(sweep, path, registry) for sweep, value in zip(sweeps, row, strict=True) if value is not None
+    ]
     scaled, unit = scale_values(row, units[0] if len(set(units)) == 1 else "")
     return [with_unit(path, f"[{unit}]" if unit else ""), *_texts(scaled)]
 
 
-def _unit(sweep: StoredSweep, path: str, registry: Registry) -> str:
+def declared_unit(sweep: StoredSweep, path: str, registry: Registry) -> str:
+    """Return the unit that is declared for a value of a sweep; empty without one."""
     try:
         return unit_at(sweep.sections, path, registry)
     except (ValueError, IndexError):  # the section of a record has a different structure

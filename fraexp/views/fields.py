@@ -79,7 +79,7 @@ def remedy_text(sweep: StoredSweep) -> str:
 
 def outcome_text(sweep: StoredSweep) -> str:
     """Return a sweep's outcome in words; empty while there is none."""
-    return sweep.outcome.name.lower().replace("_", " ") if sweep.outcome else ""
+    return sweep.outcome.words if sweep.outcome else ""
 
 
 def sweep_fields(sweep: StoredSweep, registry: "Registry | None" = None) -> list[tuple[str, str]]:

@@ -125,7 +125,7 @@ def state_text(row: StoredSweep, fraction: float | None = None) -> str:
         return row.state
     if row.outcome is None:  # it was damaged, and merging left it out
         return "no result"
-    return row.outcome.name.lower().replace("_", " ")
+    return row.outcome.words
 
 
 def time_text(time: datetime | None) -> str:

@@ -1,7 +1,9 @@
 """Tables of sweeps and of responses as text."""
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +12,8 @@ from numpy.typing import NDArray
 from fraexp.analysis.confidence import confidence_limits
 from fraexp.components.registry import Registry
 from fraexp.data.results import EFFORT, FrequencyResponse, Result
+from fraexp.data.units import factor, with_powers
+from fraexp.errors import FraexpError
 from fraexp.figures.elements.label_units import label_units
 from fraexp.figures.elements.labels import label_columns, label_texts
 from fraexp.figures.elements.scales import (
@@ -22,8 +26,9 @@ from fraexp.figures.elements.scales import (
 )
 from fraexp.figures.result_files import channel_units
 from fraexp.store import StoredSweep
+from fraexp.study.published_values import HALF_WIDTH_ENDING, half_widths, interval_text
 from fraexp.views.fields import outcome_text
-from fraexp.views.words import fixed_text, number_text, plural, short_key
+from fraexp.views.words import fixed_text, number_text, plural, scale_values, short_key, with_unit
 
 REFERENCE_FREQUENCIES_HZ = (1.0, 10.0, 40.0, 80.0)
 """Preferred frequencies [Hz] of the magnitude columns in a table of sweeps."""
@@ -42,57 +47,118 @@ class TextTable(NamedTuple):
     title: str = ""
 
 
-def sweep_table(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], registry: Registry) -> TextTable:
-    """Return a row for each sweep: labels, outcome, settled points, some magnitudes, metrics, message."""
-    labels = label_columns([sweep.labels for sweep in sweeps])
-    units = label_units(((sweep.labels, sweep.sections) for sweep in sweeps), registry)
-    scales = {path: column_unit([of.labels.get(path) for of in sweeps], units.get(path, "")) for path in labels}
-    titles = [f"{title} [{scales[path][1]}]" if path in units else title for path, title in labels.items()]
-    found = [results[sweep.key].response for sweep in sweeps if sweep.key in results]
-    responses = [response for response in found if response is not None and len(response.frequency)]
-    spots, unit = reference_frequencies(responses)
-    each = itertools.zip_longest(
-        *(_main_metrics(result) for result in results.values())
-    )  # the first ones of each come first
-    telling = list(dict.fromkeys(name for row in each for name in row if name))
-    metrics = telling[:MAX_METRIC_COLUMNS]
-    known = [of for result in results.values() for of in result.metrics]
-    sizes = {pair: column_unit([of.value for of in known if (of.name, of.unit) == pair], pair[1]) for pair in metrics}
+@dataclass(frozen=True)
+class Quantity:
+    """A number of each of several sweeps, which some may lack."""
+
+    title: str
+    values: NDArray[np.float64]
+    """One for each sweep, NaN where it is missing, shape (n,)."""
+    decimals: int | None = None
+    """Decimals to show; None for six significant digits."""
+    halves: NDArray[np.float64] | None = None
+    """Half widths of their 95 % intervals, NaN where unknown, shape (n,)."""
+
+    def text(self, value: float, digits: int = 6) -> str:
+        """Return a value as text."""
+        return number_text(value, digits) if self.decimals is None else fixed_text(value, self.decimals)
+
+    def texts(self) -> list[str]:
+        """Return all values with the half widths that are known; a missing value is empty."""
+        halves = np.full(self.values.size, np.nan) if self.halves is None else self.halves
+        return [
+            "" if np.isnan(value) else interval_text(value, half) if half > 0 else self.text(value)
+            for value, half in zip(self.values.tolist(), halves.tolist(), strict=True)
+        ]
+
+
+def sweep_table(
+    sweeps: Sequence[StoredSweep],
+    results: Mapping[str, Result],
+    registry: Registry,
+    stated: Mapping[str, str] | None = None,
+    most: int | None = MAX_METRIC_COLUMNS,
+) -> TextTable:
+    """Return a row for each sweep: labels, outcome, settled points, some magnitudes, metrics, message.
+
+    `stated` has the units in which a study gives metrics, by their names; `most` is the number of metrics, None for
+    all, those of the effort included.
+    """
+    found = [results.get(sweep.key) for sweep in sweeps]
+    labels = label_values(sweeps, registry)
+    spots, unit = magnitudes(found)
+    metrics = metric_quantities(found, stated, is_whole=most is None)
     mixed = len({sweep.state for sweep in sweeps}) > 1
     columns = [
-        "sweep", *titles, *(["state"] if mixed else []), "outcome", "settled", *spots,
-        *(f"{name} [{sizes[name, unit][1]}]" if unit not in ("", "1") else name for name, unit in metrics), "message",
-    ]  # fmt: skip
-    texts = {
-        path: label_texts([_scaled(sweep.labels.get(path), scales[path][0]) for sweep in sweeps]) for path in labels
-    }
-    rows = []
-    for index, sweep in enumerate(sweeps):
-        result = results.get(sweep.key)
-        values = {(metric.name, metric.unit): metric.value for metric in result.metrics} if result else {}
-        rows.append([
-            short_key(sweep.key), *(texts[path][index] for path in labels),
-            *([sweep.state] if mixed else []), outcome_text(sweep),
-            *_response_cells(result.response if result else None, spots.values()),
-            *(number_text(sizes[of][0] * values[of]) if of in values else "" for of in metrics), sweep.message,
-        ])  # fmt: skip
+        ("sweep", [short_key(sweep.key) for sweep in sweeps]),
+        *((title, label_texts(values)) for title, values in labels.values()),
+        *([("state", [sweep.state for sweep in sweeps])] if mixed else []),
+        ("outcome", [outcome_text(sweep) for sweep in sweeps]),
+        ("settled", [_settled_text(result) for result in found]),
+        *((of.title, of.texts()) for of in (*spots, *metrics[:most])),
+        ("message", [sweep.message for sweep in sweeps]),
+    ]
     notes = [f"magnitudes in dB re 1 {unit}"] if spots else []
-    left_out = len(telling) - len(metrics)
+    left_out = len(metrics[most:]) if most is not None else 0
     notes += [f"{plural(left_out, 'more metric')} of each sweep: fraexp show KEY"] if left_out else []
-    return TextTable(columns, rows, "; ".join(notes))
+    rows = [list(row) for row in zip(*(texts for _, texts in columns), strict=True)]
+    return TextTable([title for title, _ in columns], rows, "; ".join(notes))
 
 
-def _scaled(value: object, factor: float) -> object:
-    """Return a number in another unit; a number that needs none, and anything else, stays as it is."""
-    if factor == 1 or isinstance(value, bool) or not isinstance(value, int | float):
-        return value
-    return float(f"{value * factor:.12g}")
+def label_values(sweeps: Sequence[StoredSweep], registry: Registry) -> dict[str, tuple[str, list[object]]]:
+    """Return title and values of each label by its path, in the unit in which people read them."""
+    units = label_units(((sweep.labels, sweep.sections) for sweep in sweeps), registry)
+    found = {}
+    for path, title in label_columns([sweep.labels for sweep in sweeps]).items():
+        values, unit = scale_values([sweep.labels.get(path) for sweep in sweeps], units.get(path, ""))
+        found[path] = (with_unit(title, f"[{unit}]" if unit else ""), values)
+    return found
 
 
-def _main_metrics(result: Result) -> list[tuple[str, str]]:
-    """Return names and units of the metrics that a row shows: next to a response, not the effort."""
-    beside = EFFORT if result.response is not None else ()
-    return [(metric.name, metric.unit) for metric in result.metrics if metric.name not in beside]
+def metric_quantities(
+    results: Sequence[Result | None], stated: Mapping[str, str] | None = None, is_whole: bool = False
+) -> list[Quantity]:
+    """Return the metrics of results, the first ones of each first; next to a response the effort only if `is_whole`."""
+    values = [{(of.name, of.unit): of.value for of in result.metrics} if result else {} for result in results]
+    halves = [half_widths(result) if result else {} for result in results]
+    beside = [EFFORT if result and result.response is not None and not is_whole else () for result in results]
+    each = itertools.zip_longest(
+        *([of for of in row if of[0] not in omitted] for row, omitted in zip(values, beside, strict=True))
+    )
+    quantities = []
+    for name, unit in dict.fromkeys(of for row in each for of in row if of):
+        if any(name.removesuffix(HALF_WIDTH_ENDING) in known for known in halves) and name.endswith(HALF_WIDTH_ENDING):
+            continue  # it stands behind its number
+        column = np.array([row.get((name, unit), np.nan) for row in values], dtype=float)
+        scale, shown = _metric_scale(column, unit, (stated or {}).get(name))
+        widths = scale * np.array([half.get(name, np.nan) for half in halves], dtype=float)
+        quantities.append(
+            Quantity(with_unit(name, f"[{shown}]" if shown not in ("", "1") else ""), scale * column, None, widths)
+        )
+    return quantities
+
+
+def _metric_scale(values: NDArray[np.float64], unit: str, stated: str | None) -> tuple[float, str]:
+    """Return the factor to the unit of a column, and this unit: the one in which a study gives it, if that is one."""
+    with suppress(FraexpError):  # the table of published numbers reports it
+        if stated:
+            return factor(unit, stated), with_powers(stated)
+    return column_unit(values.tolist(), unit)
+
+
+def magnitudes(results: Sequence[Result | None]) -> tuple[list[Quantity], str]:
+    """Return the magnitudes [dB] at some frequencies of the first response, and the unit of 0 dB."""
+    responses = [result.response if result and result.response else None for result in results]
+    known = [response for response in responses if response and len(response.frequency)]
+    spots, unit = reference_frequencies(known)
+    return [
+        Quantity(
+            title,
+            np.array([magnitude_near(of, spot) if of and len(of.frequency) else np.nan for of in responses]),
+            decimals=2,
+        )
+        for title, spot in spots.items()
+    ], unit
 
 
 def reference_frequencies(responses: Sequence[FrequencyResponse]) -> tuple[dict[str, float], str]:
@@ -111,13 +177,10 @@ def reference_frequencies(responses: Sequence[FrequencyResponse]) -> tuple[dict[
     return {f"{spot:.{digits}g} Hz": spot for spot in spots}, readable_unit(responses[0].unit)[1]
 
 
-def _response_cells(response: FrequencyResponse | None, spots: Iterable[float]) -> list[str]:
-    if response is None or not len(response.frequency):
-        return ["", *("" for _ in spots)]
-    return [
-        f"{int(response.settled.sum())}/{len(response.settled)}",
-        *(_optional_fixed(magnitude_near(response, spot), 2) for spot in spots),
-    ]
+def _settled_text(result: Result | None) -> str:
+    response = result.response if result else None
+    known = response is not None and len(response.frequency)
+    return f"{int(response.settled.sum())}/{len(response.settled)}" if response is not None and known else ""
 
 
 def magnitude_near(response: FrequencyResponse, spot: float) -> float:
@@ -139,9 +202,9 @@ def response_table(
     they are told apart (see `Result.parity_levels`), which then have a column each.
     """
     parities = parities or {}
-    factor, shown = readable_unit(response.unit)
+    scale, shown = readable_unit(response.unit)
     output_unit, input_unit = (f" [{unit}]" if unit else "" for unit in channel_units(response))
-    level, phase = decibel(factor * response.response), continuous_phase(degrees(response.response), response.settled)
+    level, phase = decibel(scale * response.response), continuous_phase(degrees(response.response), response.settled)
     magnitude, turn = confidence_limits(response)
     spread = decibel_limits(magnitude)
     noise, nonlinear = (_relative_db(part, response) for part in (response.noise_variance, response.nonlinear_variance))

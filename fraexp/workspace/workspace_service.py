@@ -2,12 +2,11 @@
 
 import platform
 import shlex
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from fraexp.components.kinds import Plant
@@ -19,12 +18,10 @@ from fraexp.execution.database_retry import DatabaseRetry
 from fraexp.execution.events import Ended, Event, Noticed, Planned
 from fraexp.execution.executors import ResourceLimits, worker_count
 from fraexp.records.study_writer import ImportRequest, is_same_study, study_data, write_study
-from fraexp.reports.html_report import gather_chapter, write_report
 from fraexp.reports.published_comparisons import run_title
 from fraexp.reports.stored_figures import StoredFigures
 from fraexp.store import RunSummary, Store, StoredSweep
 from fraexp.study.catalogue import StudyEntry, catalogue
-from fraexp.study.published_values import PublishedComparison
 from fraexp.study.study_file import ResolvedStudy, find_studies, load, outline, read, resolve
 from fraexp.workspace import fit_specs
 from fraexp.workspace.workspace_folder import WorkspaceFolder
@@ -281,26 +278,3 @@ class WorkspaceService(WorkspaceFolder):
         sweeps = [replace(stored[sweep.key], labels=dict(sweep.labels)) for sweep in study.sweeps]
         title = run_title(study.name, study.title, store.run(run).command) if run is not None else study.title
         return self.figures.draw(store, sweeps, path, title, study.figure)
-
-    def report(self, store: Store, runs: Sequence[int], path: Path, title: str) -> list[PublishedComparison]:
-        """Write an HTML report of runs, and return the published values of their studies compared with ours.
-
-        The newest run of a study updates its figure in the workspace; older runs are drawn elsewhere.
-        """
-        newest = {run.study: run.number for run in reversed(store.runs())}
-        with TemporaryDirectory() as spare:
-            chapters = []
-            for number in runs:
-                current = number == newest[store.run(number).study]
-                folder = self.folder / "figures" if current else Path(spare) / str(number)
-                drawer = self._drawing_function(store, folder)
-                chapters.append(gather_chapter(store, number, self.folder, self.registry, drawer))
-            write_report(path, title, chapters)
-        return [one for chapter in chapters for one in chapter.compared]
-
-    def _drawing_function(
-        self, store: Store, folder: Path
-    ) -> Callable[[ResolvedStudy, str, Sequence[StoredSweep]], Iterable[Path]]:
-        """Return a function that draws the sweeps of a study into a folder."""
-        draw = self.figures.draw
-        return lambda study, title, sweeps: draw(store, sweeps, folder / f"{study.name}.png", title, study.figure)

@@ -31,7 +31,7 @@ OWN_LAW = (
     " --set excitation.points="
 )
 PLANNED = ("fraexp run paper", "fraexp run methods/comparison")
-"""Commands that are only planned: tests/reports/test_html_report.py and tests/study/test_study_runs.py run them."""
+"""Commands that are only planned: tests/views/test_html_report.py and tests/study/test_study_runs.py run them."""
 REDUCED = {
     f"{OWN_LAW}20": f"{OWN_LAW}8",
     "fraexp run amplitudes": "fraexp run amplitudes --set excitation.points=4 --executor serial",

@@ -6,9 +6,9 @@ import pytest
 
 from fraexp.data.results import Outcome
 from fraexp.reports.published_comparisons import run_title
-from fraexp.reports.report_tables import verdict_text
 from fraexp.store import RunSummary, StoredSweep
 from fraexp.store.liveness import Process
+from fraexp.views.report_tables import verdict_text
 
 NOW = datetime(2026, 1, 1, tzinfo=UTC)
 

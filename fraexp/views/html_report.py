@@ -3,19 +3,21 @@
 import os
 import shlex
 from base64 import b64encode
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from fraexp.components.registry import Registry
 from fraexp.data.atomic_file import atomic_file
-from fraexp.data.results import Result
 from fraexp.data.sweep import Plain
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError, StudyError
-from fraexp.figures.elements.label_units import label_units
 from fraexp.reports.published_comparisons import compare_published, read_study, run_title, verdict
-from fraexp.reports.report_tables import (
+from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
+from fraexp.study.published_values import ORIGINS, PublishedComparison
+from fraexp.study.study_file import ResolvedStudy, find_studies
+from fraexp.views.report_tables import (
     Cell,
     Method,
     OriginTable,
@@ -23,12 +25,11 @@ from fraexp.reports.report_tables import (
     describe_methods,
     input_table,
     published_table,
-    sweep_table,
+    report_table,
     verdict_text,
 )
-from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
-from fraexp.study.published_values import ORIGINS, PublishedComparison
-from fraexp.study.study_file import ResolvedStudy, find_studies
+from fraexp.views.text_tables import sweep_table
+from fraexp.workspace.workspace_service import WorkspaceService
 
 MAX_SWEEPS = 50
 """Sweeps of a run that are shown one by one."""
@@ -55,19 +56,46 @@ class RunChapter:
     study: ResolvedStudy
     """Its title, question and published numbers, without sweeps."""
     sweeps: Sequence[StoredSweep]
-    results: Mapping[str, Result]
-    units: Mapping[str, str]
-    """Units of the labels, by path."""
     compared: Sequence[PublishedComparison]
     figures: Sequence[Path]
     command: str
     """The command that executes the run again."""
     notes: Sequence[str]
     """What is missing, and why."""
+    table: ReportTable | None
+    """Its first sweeps."""
     inputs: ReportTable | None
     """What all its sweeps share of their experiment."""
     methods: Sequence[Method]
     """The estimators that it used."""
+
+
+def report_runs(
+    workspace: WorkspaceService, store: Store, runs: Sequence[int], path: Path, title: str
+) -> list[PublishedComparison]:
+    """Write an HTML report of runs, and return the published values of their studies compared with ours.
+
+    The newest run of a study updates its figure in the workspace; older runs are drawn elsewhere.
+    """
+    newest = {run.study: run.number for run in reversed(store.runs())}
+    with TemporaryDirectory() as spare:
+        chapters = []
+        for number in runs:
+            current = number == newest[store.run(number).study]
+            drawer = _drawing_function(
+                workspace, store, workspace.folder / "figures" if current else Path(spare) / str(number)
+            )
+            chapters.append(gather_chapter(store, number, workspace.folder, workspace.registry, drawer))
+        write_report(path, title, chapters)
+    return [one for chapter in chapters for one in chapter.compared]
+
+
+def _drawing_function(
+    workspace: WorkspaceService, store: Store, folder: Path
+) -> Callable[[ResolvedStudy, str, Sequence[StoredSweep]], Iterable[Path]]:
+    """Return a function that draws the sweeps of a study into a folder."""
+    draw = workspace.figures.draw
+    return lambda study, title, sweeps: draw(store, sweeps, folder / f"{study.name}.png", title, study.figure)
 
 
 def gather_chapter(
@@ -82,16 +110,15 @@ def gather_chapter(
     results = store.results(sweep.key for sweep in sweeps)
     sweeps = mark_damaged(sweeps, results)
     study, notes = read_study(run, folder)
-    sections = [sweep.sections for sweep in sweeps]
-    units = label_units(((of.labels, parts) for of, parts in zip(sweeps, sections, strict=True)), registry)
     compared = compare_published(study.published, sweeps, results)
     try:
         figures = list(draw(study, run_title(run.study, study.title, run.command), sweeps))
     except FraexpError as error:
         figures, notes = [], [*notes, f"no figure: {error}"]
+    stated = {one.metric: one.unit for one in study.published}
+    table = report_table(sweep_table(sweeps[:MAX_SWEEPS], results, registry, stated, None)) if sweeps else None
     inputs, methods = input_table(sweeps, registry), describe_methods(sweeps, registry)
-    command = _command(run, folder)
-    return RunChapter(run, study, sweeps, results, units, compared, figures, command, notes, inputs, methods)
+    return RunChapter(run, study, sweeps, compared, figures, _command(run, folder), notes, table, inputs, methods)
 
 
 def _command(run: RunSummary, folder: Path) -> str:
@@ -214,8 +241,7 @@ class _RenderedChapter:
     @classmethod
     def of(cls, anchor: str, chapter: RunChapter) -> "_RenderedChapter":
         """Return a chapter with its tables."""
-        run, shown = chapter.run, chapter.sweeps[:MAX_SWEEPS]
-        stated = {one.metric: one.unit for one in chapter.study.published}
+        run = chapter.run
         return cls(
             anchor,
             run,
@@ -225,9 +251,9 @@ class _RenderedChapter:
             chapter.notes,
             figures=[b64encode(path.read_bytes()).decode("ascii") for path in chapter.figures],
             published=published_table(chapter.compared),
-            sweeps=sweep_table(shown, chapter.results, chapter.units, stated),
+            sweeps=chapter.table,
             inputs=chapter.inputs,
-            omitted=len(chapter.sweeps) - len(shown),
+            omitted=max(len(chapter.sweeps) - MAX_SWEEPS, 0),
             started=f"{run.started:%Y-%m-%d %H:%M}",
             took=f"{(run.ended - run.started).total_seconds():.2g}" if run.ended else "",
             computing=f"{sum(sweep.elapsed for sweep in chapter.sweeps):.2g}",

@@ -12,11 +12,11 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.components.registry import Registry
 from fraexp.errors import FraexpError
-from fraexp.reports.html_report import gather_chapter, render_report
-from fraexp.reports.report_tables import Method
 from fraexp.reports.stored_figures import StoredFigures
 from fraexp.store import Store
 from fraexp.study.study_file import packaged_studies
+from fraexp.views.html_report import gather_chapter, render_report, report_runs
+from fraexp.views.report_tables import Method
 from fraexp.workspace.workspace_service import WorkspaceService
 
 EVIL = "<script>alert('&')</script>"
@@ -251,9 +251,9 @@ def test_many_sweeps_are_shown_in_part(folder: Path) -> None:
     assert main(["run", "loops/a"]) == 0
     assert main(["report", "1", "-o", "x.html"]) == 0
     rows = page(folder / "x.html").rows
-    head = next(place for place, row in enumerate(rows) if row[:2] == ["amplitude [mm]", "outcome"])
-    assert [row[0] for row in rows[head + 1 : head + 4]] == ["0.2", "0.3", "0.4"]
-    assert [row[0] for row in rows[head + 50 : head + 51]] == ["5.1"]
+    head = next(place for place, row in enumerate(rows) if row[:2] == ["sweep", "amplitude [mm]"])
+    assert [row[1] for row in rows[head + 1 : head + 4]] == ["0.2", "0.3", "0.4"]
+    assert [row[1] for row in rows[head + 50 : head + 51]] == ["5.1"]
     assert "10 more sweeps" in (folder / "x.html").read_text("utf-8")
 
 
@@ -284,10 +284,10 @@ def test_what_was_fitted_later_is_no_study_of_the_folder(folder: Path) -> None:
     assert page(folder / "x.html").anchors == ["#run-1", "#run-2"]
     assert "loops/a-fit" not in (folder / "x.html").read_text("utf-8")
     assert main(["report", "loops/a-fit", "-o", "fit.html"]) == 0
-    gain = next(row for row in page(folder / "fit.html").rows if row[0] == "k0 [mm/(N s²)]")
+    gain = next(row for row in page(folder / "fit.html").rows if row[0] == "k0 [m/(N s²)]")
     value, half = map(float, gain[1].split(" ± "))
-    assert value == pytest.approx(132, rel=1e-3)
-    assert 0 < half < 0.1
+    assert value == pytest.approx(0.132, rel=1e-3)
+    assert 0 < half < 1e-4
 
 
 def test_a_study_with_a_printed_number_of_no_sweep_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -308,7 +308,7 @@ def test_the_paper_comes_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert figures >= {"fig02", "fig06", "fig08", "fig12", "fig13", "fig14", "fig15"}
     with Store.open("results.db", read_only=True) as store:
         runs = [run.number for run in store.runs()]
-        compared = WorkspaceService.open(tmp_path).report(store, runs, tmp_path / "x.html", "paper")
+        compared = report_runs(WorkspaceService.open(tmp_path), store, runs, tmp_path / "x.html", "paper")
     assert len(compared) >= 8
     assert [one for one in compared if not one.agrees] == []
     assert len(page(tmp_path / "x.html").sources) == len(figures)

@@ -3,25 +3,18 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import nan
 from typing import NamedTuple
 
 from fraexp.components.registry import Registry
-from fraexp.data.results import Outcome, Result
+from fraexp.data.results import Outcome
 from fraexp.data.terminal_text import printable
-from fraexp.data.units import factor, with_powers
-from fraexp.errors import FraexpError
-from fraexp.figures.elements.labels import label_columns, label_texts
+from fraexp.data.units import with_powers
 from fraexp.reports.published_comparisons import verdict
 from fraexp.store import RunSummary, StoredSweep
-from fraexp.study.published_values import (
-    HALF_WIDTH_ENDING,
-    PublishedComparison,
-    half_widths,
-    number_text,
-    readable_unit,
-    round_to_width,
-)
+from fraexp.study.published_values import PublishedComparison, number_text, round_to_width
+from fraexp.views.comparison import declared_unit
+from fraexp.views.text_tables import TextTable
+from fraexp.views.words import flatten, value_text
 
 MAX_UPRIGHT_SWEEPS = 6
 """Up to so many sweeps are columns of the table, with a row for each number."""
@@ -58,6 +51,7 @@ class ReportTable:
 
     titles: Sequence[str]
     rows: Sequence[Sequence[Cell]]
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -109,8 +103,8 @@ def _met(one: PublishedComparison) -> Cell:
     if one.remark:
         return Cell(one.remark, is_bold=True, is_bad=True)
     if one.has_reservation:
-        return Cell(outcome_text(one.outcome), is_bold=True, is_bad=True)
-    reservation = "" if one.outcome is Outcome.OK else f" ({outcome_text(one.outcome)})"
+        return Cell(one.outcome.words, is_bold=True, is_bad=True)
+    reservation = "" if one.outcome is Outcome.OK else f" ({one.outcome.words})"
     return Cell(("yes" if one.agrees else "no") + reservation, is_bold=True, is_bad=not one.agrees)
 
 
@@ -132,87 +126,12 @@ def _expectation(one: PublishedComparison) -> str:
     return f"± {of.tolerance if isinstance(of.tolerance, str) else f'{of.margin:g}'}"
 
 
-def sweep_table(
-    sweeps: Sequence[StoredSweep],
-    results: Mapping[str, Result],
-    label_units: Mapping[str, str],
-    metric_units: Mapping[str, str],
-) -> ReportTable | None:
-    """Return the table of sweeps: labels, outcome, settled lines, metrics and message; None if there are no sweeps.
-
-    `label_units` are by the path of the label; `metric_units` are those in which a study gives a metric, by its name.
-    """
-    if not sweeps:
-        return None
-    found = [results.get(sweep.key) for sweep in sweeps]
-    columns: dict[str, list[str]] = {}
-    for path, name in label_columns([sweep.labels for sweep in sweeps]).items():
-        values = [sweep.labels.get(path) for sweep in sweeps]
-        title, texts = _label_column(name, label_units.get(path, ""), values)
-        columns[title] = texts
-    columns["outcome"] = [_outcome(sweep) for sweep in sweeps]
-    columns["settled"] = [_settled_text(result) for result in found]
-    columns |= _metric_columns(found, metric_units)
-    columns["message"] = [sweep.message for sweep in sweeps]
-    rows = [[title, *texts] for title, texts in columns.items() if any(texts)]
-    is_upright = len(sweeps) <= MAX_UPRIGHT_SWEEPS and len(rows) > len(sweeps)
-    titles, *body = rows if is_upright else [list(row) for row in zip(*rows, strict=True)]
-    return ReportTable(titles, [[Cell(text) for text in row] for row in body])
-
-
-def _outcome(sweep: StoredSweep) -> str:
-    return outcome_text(sweep.outcome) if sweep.outcome else sweep.state
-
-
-def outcome_text(outcome: Outcome) -> str:
-    """Return an outcome as people write it: ``not settled``."""
-    return outcome.name.lower().replace("_", " ")
-
-
-def _label_column(name: str, unit: str, values: Sequence[object]) -> tuple[str, list[str]]:
-    """Return title and texts of a column of labels."""
-    numbers = [value for value in values if isinstance(value, int | float) and not isinstance(value, bool)]
-    if len(numbers) < len(values):
-        return _title(name, unit), label_texts(values)
-    scale, shown = readable_unit(unit, numbers)
-    scaled = [float(f"{scale * value:.12g}") if scale != 1 else value for value in numbers]
-    return _title(name, shown), label_texts(scaled)
-
-
-def _metric_columns(results: Sequence[Result | None], stated: Mapping[str, str]) -> dict[str, list[str]]:
-    """Return the texts of each metric by its title, in the unit that is stated for it, or in a readable one."""
-    found = [
-        {(metric.name, metric.unit): metric.value for metric in result.metrics} if result else {} for result in results
-    ]
-    halves = [half_widths(result) if result else {} for result in results]
-    columns = {}
-    for name, unit in dict.fromkeys(key for values in found for key in values):
-        if name.endswith(HALF_WIDTH_ENDING) and any(name.removesuffix(HALF_WIDTH_ENDING) in half for half in halves):
-            continue  # it stands behind its number
-        column = [values.get((name, unit)) for values in found]
-        scale, shown = _scale(unit, stated.get(name), [value for value in column if value is not None])
-        columns[_title(name, shown)] = [
-            "" if value is None else number_text(scale * value, scale * half.get(name, nan))
-            for value, half in zip(column, halves, strict=True)
-        ]
-    return columns
-
-
-def _scale(unit: str, stated: str | None, values: Sequence[float]) -> tuple[float, str]:
-    """Return the factor to the unit of a column, and that unit."""
-    try:
-        return (factor(unit, stated), stated) if stated else readable_unit(unit, values)
-    except FraexpError:  # the table of published numbers reports it
-        return readable_unit(unit, values)
-
-
-def _settled_text(result: Result | None) -> str:
-    response = result.response if result else None
-    return f"{int(response.settled.sum())}/{len(response.settled)}" if response is not None else ""
-
-
-def _title(name: str, unit: str) -> str:
-    return f"{name} [{unit_text(unit)}]" if unit_text(unit) else name
+def report_table(table: TextTable) -> ReportTable:
+    """Return a table of texts without its empty columns, and upright if it has few rows."""
+    kept = [[title, *texts] for title, *texts in zip(table.columns, *table.rows, strict=True) if any(texts)]
+    is_upright = len(table.rows) <= MAX_UPRIGHT_SWEEPS and len(kept) > len(table.rows)
+    titles, *body = kept if is_upright else [list(row) for row in zip(*kept, strict=True)]
+    return ReportTable(titles, [[Cell(text) for text in row] for row in body], table.title)
 
 
 def unit_text(unit: str) -> str:
@@ -239,7 +158,7 @@ def verdict_text(run: RunSummary, sweeps: Sequence[StoredSweep], compared: Seque
     outcomes = Counter(of.outcome for of in sweeps if of.outcome)
     sound = outcomes.pop(Outcome.OK, 0)
     parts = [_sound_text(sound, len(sweeps))]
-    parts += [f"{count} {outcome_text(outcome)}" for outcome, count in outcomes.items()]
+    parts += [f"{count} {outcome.words}" for outcome, count in outcomes.items()]
     without = len(sweeps) - sound - sum(outcomes.values())
     parts += [f"{without} without a result"] if without else []
     text = ", ".join(parts) + "."
@@ -271,42 +190,11 @@ def describe_methods(sweeps: Sequence[StoredSweep], registry: Registry) -> list[
 
 def input_table(sweeps: Sequence[StoredSweep], registry: Registry) -> ReportTable | None:
     """Return what all sweeps share of their experiment, a row for each number or text; None if there is nothing."""
-    from fraexp.study.paths import unit_at
-
+    every = [flatten({kind: sweep.experiment.get(kind) for kind in KINDS}) for sweep in sweeps]
     rows = []
-    for kind in KINDS:
-        shared = _shared_inputs(kind, [sweep.experiment for sweep in sweeps])
-        for path, value in shared.items():
-            try:
-                unit = unit_at(sweeps[0].experiment, path, registry)
-            except FraexpError:
-                unit = ""
-            rows.append([Cell(path), Cell(_value_text(value)), Cell("" if unit == "1" else unit)])
+    for path, value in every[0].items() if every else ():
+        is_shown = value not in (None, [], "", {}) and not path.endswith(".version")
+        if is_shown and all(of.get(path) == value for of in every):
+            unit = declared_unit(sweeps[0], path, registry)
+            rows.append([Cell(path), Cell(value_text(value)), Cell("" if unit == "1" else unit)])
     return ReportTable(["input", "value", "unit"], rows) if rows else None
-
-
-def _shared_inputs(kind: str, experiments: Sequence[Mapping[str, object]]) -> dict[str, object]:
-    every = [dict(_leaves(of.get(kind), kind)) for of in experiments]
-    first = every[0] if every else {}
-    return {
-        path: value
-        for path, value in first.items()
-        if _is_shown(path, value) and all(of.get(path) == value for of in every)
-    }
-
-
-def _is_shown(path: str, value: object) -> bool:
-    return value not in (None, [], "", {}) and not path.endswith(".version")
-
-
-def _leaves(value: object, path: str) -> list[tuple[str, object]]:
-    if isinstance(value, Mapping):
-        return [leaf for key, item in value.items() for leaf in _leaves(item, f"{path}.{key}")]
-    return [(path, value)]
-
-
-def _value_text(value: object) -> str:
-    if isinstance(value, list):
-        texts = [_value_text(item) for item in value]
-        return ", ".join(texts if len(texts) <= 6 else [*texts[:2], "…", texts[-1]])
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
