@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from fraexp.errors import FraexpError
     from fraexp.interface.callable_law import FrictionLaw
-    from fraexp.interface.recordings import Recording
+    from fraexp.interface.direct_computation import Recording
     from fraexp.interface.result_sets import Results, Run
-    from fraexp.interface.session import Workspace
-    from fraexp.interface.shortcuts import estimate, friction_law, identify, read_record, run, simulate
+    from fraexp.interface.session import Workspace, estimate, friction_law, identify, read_record, run, simulate
     from fraexp.interface.study_source import Study
     from fraexp.interface.sweep_results import SweepResult
 

@@ -21,7 +21,7 @@ from fraexp.execution.provenance import gather_provenance
 from fraexp.figures.result_files import json_value
 from fraexp.kernels.cache_folder import cache_folder
 from fraexp.store import RunSummary, Store, masked_url
-from fraexp.store.backends.file_system import NETWORK_TYPES, file_system_type
+from fraexp.store.backends.sqlite import NETWORK_TYPES, file_system_type
 from fraexp.testing import selftest
 from fraexp.views.words import duration_text, plural
 from fraexp.workspace.workspace_folder import WorkspaceFolder

@@ -11,8 +11,7 @@ from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number
 from fraexp.components.kinds import Controller, Excitation, Plant
 from fraexp.errors import FraexpError
 from fraexp.store import StoredSweep, leave_out_damaged
-from fraexp.workspace.designed_study import write_designed_study
-from fraexp.workspace.fit_specs import fit_estimator, inherited_fit_settings
+from fraexp.workspace.fit_specs import fit_estimator, inherited_fit_settings, write_designed_study
 from fraexp.workspace.workspace_service import WorkspaceService
 
 KINDS = {"fit": Plant.kind, "tune": Controller.kind, "design": Excitation.kind}

@@ -12,11 +12,10 @@ from argparse import Namespace
 from collections.abc import Sequence
 from types import ModuleType
 
-from fraexp.cli.arguments import parse
+from fraexp.cli.arguments import UsageError, parse
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.options import COMMANDS
 from fraexp.cli.output import error_document, say
-from fraexp.cli.parser import UsageError
 from fraexp.cli.standard_streams import discard_unwritable, is_output_failure, open_closed_streams, watch_output
 from fraexp.errors import (
     BeginError,

@@ -12,8 +12,7 @@ from fraexp.execution.events import Event
 from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice
 from fraexp.measurement.measurement_plan import MeasurementPlan
 from fraexp.measurement.point_measurement import PointProgress
-from fraexp.views.measurement_texts import band_text, begin_text, point_text
-from fraexp.views.missed_bands import MissedBands
+from fraexp.views.measurement_texts import MissedBands, band_text, begin_text, point_text
 from fraexp.views.words import duration_text, elapsed_text, plural
 from fraexp.workspace.autonomous_service import EvaluationProgress
 from fraexp.workspace.measurement_service import PointEstimated

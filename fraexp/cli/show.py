@@ -18,7 +18,7 @@ from fraexp.figures.result_files import json_value
 from fraexp.reports.published_comparisons import comparison_document, verdict
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
 from fraexp.study.published_values import PublishedComparison
-from fraexp.study.stated_controller import stated_controller
+from fraexp.study.study_file import stated_controller
 from fraexp.views.fields import drawn_labels, remedies, run_fields, sweep_fields
 from fraexp.views.loop_margins_table import LOOP_COLUMNS, loop_margins, loop_rows
 from fraexp.views.report_tables import published_table

@@ -1,4 +1,4 @@
-"""Files that appear complete or not at all: they are written beside their place, and renamed."""
+"""Files that appear complete or not at all, and locks that the system releases when a process dies."""
 
 import os
 from collections.abc import Iterator
@@ -21,3 +21,21 @@ def atomic_file(path: Path) -> Iterator[Path]:
         with suppress(OSError):  # a folder that refuses files refuses to remove them, too
             draft.unlink(missing_ok=True)
         raise
+
+
+def try_lock(handle: int) -> bool:
+    """Lock a file or folder by its handle; return False if another process holds the lock.
+
+    It is held until the handle is closed. Windows, and file systems that know no such locks, give it to anybody.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        return True
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+    return True

@@ -1,5 +1,7 @@
 """A friction law to be called: its force along a motion, its loops and its describing function."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -9,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from fraexp.components.kinds import FrictionModel, Motion
 from fraexp.components.parameters import example_call
 from fraexp.data.results import Curve
-from fraexp.errors import ParameterError
+from fraexp.errors import ParameterError, PluginError
 from fraexp.interface.argument_checks import numbers_of, require_positive, with_unit
-from fraexp.interface.compiled_laws import compiler_errors_as_ours
 from fraexp.interface.html import page_part
+from fraexp.kernels.law_error import LawError
 from fraexp.views.words import value_text
 
 if TYPE_CHECKING:
@@ -24,6 +26,15 @@ MIN_AMPLITUDE_M = 1e-12
 """Smallest amplitude [m], a hundredth of an atom: laws that add to a large force lose increments below it."""
 SHOWN_AMPLITUDES_M = (1e-6, 1e-5, 1e-4)
 """Amplitudes of the loops in a notebook's figure [m]."""
+
+
+@contextmanager
+def compiler_errors_as_ours() -> Iterator[None]:
+    """Raise a PluginError for a law that cannot be compiled."""
+    try:
+        yield
+    except LawError as error:
+        raise PluginError(str(error)) from None
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from fraexp.cli.progress import Meter
 from fraexp.components.first_trial import friction_specs
 from fraexp.data.sweep import Plain
 from fraexp.execution.events import Begun, Ended, Event
-from fraexp.interface.compiled_laws import compiler_errors_as_ours
+from fraexp.interface.callable_law import compiler_errors_as_ours
 from fraexp.kernels.announcement import compilation_listener
 
 

@@ -15,7 +15,7 @@ from fraexp.execution.executors import ResourceLimits
 from fraexp.interface import direct_computation
 from fraexp.interface.argument_checks import require_mapping, require_path, require_positive, require_text
 from fraexp.interface.callable_law import FrictionLaw
-from fraexp.interface.recordings import Recording
+from fraexp.interface.direct_computation import Recording
 from fraexp.interface.result_sets import Results, Run
 from fraexp.interface.run_monitor import follow_run
 from fraexp.interface.study_source import Study, component_spec, override_texts, resolve_study, session_classes
@@ -367,3 +367,37 @@ def _argument_text(option: str, value: str) -> str:
     if option == "--aperiodic":
         return f"{name}=False"
     return f"{name}={value!r}" if option in OPTIONS_WITH_TEXT else f"{name}={value}"
+
+
+def run(study: str | Path | Study, changes: Mapping[str, object] | None = None, **options: Any) -> Run:
+    """Run a study in the current folder and return its results; see `Workspace.run`."""
+    return Workspace().run(study, changes, **options)
+
+
+def friction_law(name: str, **parameters: object) -> FrictionLaw:
+    """Return a friction law by name with its parameters, to be called; see `Workspace.friction_law`."""
+    return Workspace().friction_law(name, **parameters)
+
+
+def simulate(
+    machine: str | Mapping[str, Any], excitation: str | Mapping[str, Any] | Component, **sections: Any
+) -> Recording:
+    """Return the signals of a simulated experiment, without a database; see `Workspace.simulate`."""
+    return Workspace().simulate(machine, excitation, **sections)
+
+
+def read_record(
+    file: str | Path | Sequence[str | Path], channels: Mapping[str, Any] | None = None, **keys: Any
+) -> Recording:
+    """Return the signals of a measured record, without a database; see `Workspace.read_record`."""
+    return Workspace().read_record(file, channels, **keys)
+
+
+def estimate(recording: Recording, estimator: str | Mapping[str, Any] | Component, **parameters: Any) -> SweepResult:
+    """Return what an estimator makes of signals, without a database; see `Workspace.estimate`."""
+    return Workspace().estimate(recording, estimator, **parameters)
+
+
+def identify(recording: Recording, estimator: str | Mapping[str, Any] | Component, **parameters: Any) -> SweepResult:
+    """Return the plant or friction law that an estimator identifies, without a database; see `Workspace.identify`."""
+    return Workspace().identify(recording, estimator, **parameters)

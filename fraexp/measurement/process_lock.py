@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from fraexp.data.file_lock import try_lock
+from fraexp.data.atomic_file import try_lock
 from fraexp.errors import BusyError
 
 

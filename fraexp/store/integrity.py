@@ -10,10 +10,9 @@ from fraexp.data.identity import TAG
 from fraexp.errors import StoreError
 from fraexp.store.changes.merge_source import SourceSweep, Transaction, find_keys, read_batches
 from fraexp.store.damage import RESTORE_HINT, is_damage
-from fraexp.store.digests import log_digest, run_sweep_digest
+from fraexp.store.digests import log_digest, read_run_rows, run_sweep_digest
 from fraexp.store.queries import reading
 from fraexp.store.queries.filter_sql import STATES
-from fraexp.store.sealing import read_run_rows
 from fraexp.store.tables import IN_RUNS, STANDING_LATEST, WITHOUT_RUN, Query, run_sweep, sweep
 from fraexp.store.validation import FOREIGN_DATA_ERRORS
 

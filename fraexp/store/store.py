@@ -1,7 +1,10 @@
 """The store: the only access to the database."""
 
+import signal
+import threading
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from types import FrameType
 from typing import Self
 
 from sqlalchemy import Connection, Engine
@@ -10,10 +13,9 @@ from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Plain, Sweep
 from fraexp.errors import StoreError, UnavailableError
 from fraexp.store import integrity
+from fraexp.store.backends import locate_database
 from fraexp.store.backends.engine import CONCURRENT, EXCLUSIVE, WRITE_MODE, Database
-from fraexp.store.backends.urls import locate_database
 from fraexp.store.changes import leases, merging, trash, writing
-from fraexp.store.interrupts import deferred_interrupt
 from fraexp.store.liveness import steady_time, this_process
 from fraexp.store.queries import annotations, reading, stored_results, sweep_pages
 from fraexp.store.queries.known_names import UnitDeclarations, no_declared_units
@@ -455,3 +457,32 @@ def _find_running(url: str, timeout: float) -> int | None:
             return next((run.number for run in store.runs() if run.state == "running"), None)
     except StoreError:
         return None
+
+
+@contextmanager
+def deferred_interrupt() -> Iterator[None]:
+    """Put off Ctrl-C until the block has ended; a second one takes effect at once.
+
+    An exception in the middle of a transaction's beginning or end would leave it open, and the database locked.
+    """
+    if threading.current_thread() is not threading.main_thread():  # where Python delivers no signals
+        yield
+        return
+    before = signal.getsignal(signal.SIGINT)
+    if not callable(before):  # ignored, or left to the system
+        yield
+        return
+    waiting: list[tuple[int, FrameType | None]] = []
+
+    def put_off(number: int, frame: FrameType | None) -> None:
+        if waiting:
+            before(number, frame)
+        waiting.append((number, frame))
+
+    signal.signal(signal.SIGINT, put_off)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if waiting:
+        before(*waiting[0])

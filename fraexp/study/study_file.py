@@ -10,11 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import fraexp
+from fraexp.components.kinds import Controller
 from fraexp.components.registry import Registry
 from fraexp.data import fit_references, toml
 from fraexp.data.figure_kinds import check_kind
-from fraexp.data.sweep import Sweep
+from fraexp.data.rotary_axes import is_rotary
+from fraexp.data.sweep import Sweep, components_by_port
 from fraexp.errors import FraexpError, StudyError, did_you_mean
+from fraexp.simulation.machine import ControlLoop
 from fraexp.study import published_values
 from fraexp.study.published_values import PublishedNumber
 from fraexp.study.random_draws import Draws, sample_sweeps
@@ -352,3 +355,25 @@ def _all_sweeps(
         for sweep in (sample_sweeps(case.place, one, draws, registry) if draws else [one])
     )
     return fit_references.insert_fits(list(all_drawn)) if refers else (sweep for _, sweep, _ in all_drawn)
+
+
+NEEDED = (Controller.kind, "loop")
+
+
+def stated_controller(name: str, folder: Path, registry: Registry) -> dict[str, Any]:
+    """Return the resolved sections ``controller`` and ``loop`` of a study or machine, looked up as a study is.
+
+    StudyError if it is none, or lacks one of them.
+    """
+    ((_, file),) = find_studies(name, folder)[:1]
+    data = read(file)
+    machine = machine_of(data, file, folder)
+    sections = {key: overlay(machine.get(key, {}), data.get(key, {})) for key in NEEDED}
+    missing = next((key for key in NEEDED if not sections[key]), None)
+    if missing:
+        raise StudyError(f"{file}: lacks the section [{missing}]; expected [controller] and [loop], or a machine")
+    if thrusts := components_by_port(sections[Controller.kind]):
+        raise StudyError(f"{file}: has a controller for each of several thrusts ({', '.join(thrusts)}); expected one")
+    loop = ControlLoop.parse(sections["loop"], "loop", rotary=is_rotary(sections))
+    controller = registry.create(Controller.kind, sections[Controller.kind], sections, str(file))
+    return {Controller.kind: controller.spec(), "loop": loop.plain()}

@@ -11,7 +11,7 @@ from fraexp.cli.main import main
 from fraexp.data.results import Fit, Outcome, Result
 from fraexp.errors import FraexpError, StudyError
 from fraexp.store import StoredSweep
-from fraexp.workspace.designed_study import write_designed_study
+from fraexp.workspace.fit_specs import write_designed_study
 
 STUDY = """
 title = "As"

@@ -21,8 +21,8 @@ from fraexp.errors import StoreError
 from fraexp.figures import drawing
 from fraexp.figures.elements.grouping import ShownResult
 from fraexp.store import Store, masked_url, url_without_password
+from fraexp.store.backends import locate_database
 from fraexp.store.backends.postgresql import parse_url
-from fraexp.store.backends.urls import locate_database
 from fraexp.store.changes import writing
 from tests.cli.conftest import ROOT, fill, response_of
 from tests.examples import some, thorough

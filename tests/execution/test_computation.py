@@ -33,6 +33,7 @@ class Scripted(Workers):
     """Workers that answer at once what a function says of a job and of how many others were under way."""
 
     def __init__(self, answering: Answering, count: int = 4) -> None:
+        super().__init__()
         self.count = count
         self._answering = answering
         self._open: list[tuple[Job, Future[Answer]]] = []

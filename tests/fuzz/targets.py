@@ -12,8 +12,7 @@ from typing import Any
 
 import pytest
 
-from fraexp.cli.arguments import parse
-from fraexp.cli.parser import UsageError
+from fraexp.cli.arguments import UsageError, parse
 from fraexp.components.registry import Registry
 from fraexp.data import units
 from fraexp.data.identity import TAG

@@ -13,7 +13,7 @@ import pytest
 import fraexp
 from fraexp.api import FrictionModel, param
 from fraexp.errors import FraexpError, PluginError
-from fraexp.store.interrupts import deferred_interrupt
+from fraexp.store.store import deferred_interrupt
 from tests.examples import thorough
 from tests.waiting import HANG_TIMEOUT_S
 

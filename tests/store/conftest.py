@@ -13,7 +13,7 @@ from sqlalchemy import text
 from fraexp.data.results import Curve, FrequencyResponse, Metric, Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.store import ComponentOrigin, Store
-from fraexp.store.backends.urls import locate_database
+from fraexp.store.backends import locate_database
 from tests.postgresql import Server, running
 from tests.responses import frequency_response
 from tests.store.resealing import seal_database

@@ -9,16 +9,14 @@ from fraexp.store.digests import (
     RESULT_COLUMNS,
     STATE_COLUMNS,
     content_digest,
+    covered_rows,
     listed_digest,
     log_digest,
     origins_digest,
     parts_digest,
-    run_sweep_digest,
-)
-from fraexp.store.sealing import (
-    covered_rows,
     read_origin_rows,
     read_run_rows,
+    run_sweep_digest,
     seal_annotations,
     seal_places,
     seal_run,

@@ -150,7 +150,10 @@ def test_a_folder_of_studies_ends_with_a_report_that_needs_nothing_else(
     assert next(row for row in found.rows if row[0].startswith("displacement"))[1:] == ["0.5", "1"]  # mm
     text = (folder / "figures/loops.html").read_text("utf-8")
     assert text.count("All 2 sweeps are sound.") >= 2, "in the summary, and in the chapter"
-    assert [row[1:] for row in found.rows if row[0] == "friction.stiffness"] == [["100000", "N/m"], ["200000", "N/m"]]
+    assert [row[1:] for row in found.rows if row[0] == "friction.stiffness"] == [
+        ["[100000]", "N/m"],
+        ["[200000]", "N/m"],
+    ]
     assert "<h3>Hysteresis</h3>" in text
     assert "fraexp run loops/a" in text
     assert "Does it take 4 F_m (A - Y)" in text

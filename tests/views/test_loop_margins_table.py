@@ -11,7 +11,7 @@ from fraexp.components.registry import Registry
 from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.store import StoredSweep
-from fraexp.study.stated_controller import stated_controller
+from fraexp.study.study_file import stated_controller
 from fraexp.views.loop_margins_table import loop_margins, loop_rows
 from tests.cli.conftest import response_of
 

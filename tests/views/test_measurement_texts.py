@@ -12,8 +12,7 @@ from fraexp.measurement.measurement import MeasurementBegun, PointMeasured
 from fraexp.measurement.measurement_plan import MeasurementPlan
 from fraexp.measurement.unknown_axis import UnknownAxis
 from fraexp.simulation.motion_limits import MotionLimits
-from fraexp.views.measurement_texts import begin_text, found_text, plan_total
-from fraexp.views.missed_bands import MissedBands
+from fraexp.views.measurement_texts import MissedBands, begin_text, found_text, plan_total
 from fraexp.views.words import duration_text
 from fraexp.workspace.measurement_service import PointEstimated
 

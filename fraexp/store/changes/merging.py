@@ -14,11 +14,20 @@ from fraexp.store.changes import writing
 from fraexp.store.changes.merge_source import SourceSweep, Transaction, find_keys, read_batches
 from fraexp.store.damage import read_tolerantly
 from fraexp.store.diff import describe_differences
-from fraexp.store.digests import ORIGIN_COLUMNS, new_run_sweep, run_digest, run_sweep_digest
+from fraexp.store.digests import (
+    ORIGIN_COLUMNS,
+    new_run_sweep,
+    read_origin_rows,
+    read_run_rows,
+    run_digest,
+    run_sweep_digest,
+    seal_annotations,
+    seal_places,
+    seal_run,
+)
 from fraexp.store.queries import annotations, reading, stored_results
 from fraexp.store.queries.filter_sql import STATES
 from fraexp.store.queries.reading import RUN_STATES
-from fraexp.store.sealing import read_origin_rows, read_run_rows, seal_annotations, seal_places, seal_run
 from fraexp.store.stored_records import Conflict, MergeSummary
 from fraexp.store.tables import (
     RESULT_TABLES,

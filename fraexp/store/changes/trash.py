@@ -11,8 +11,8 @@ from sqlalchemy import Connection, Table, and_, delete, exists, insert, literal,
 from fraexp.errors import StoreError
 from fraexp.store import shared_sections
 from fraexp.store.changes.merge_source import RESULT_COLUMNS
+from fraexp.store.digests import seal_annotations, seal_places, seal_sound_runs
 from fraexp.store.liveness import Process, host_of, now
-from fraexp.store.sealing import seal_annotations, seal_places, seal_sound_runs
 from fraexp.store.stored_records import Deletion
 from fraexp.store.tables import (
     SWEEP_TABLES,

@@ -7,8 +7,7 @@ from sqlalchemy import Connection, delete, func, insert, select
 
 from fraexp.errors import StoreError, did_you_mean
 from fraexp.store.damage import RESTORE_HINT
-from fraexp.store.digests import annotations_digest
-from fraexp.store.sealing import seal_annotations
+from fraexp.store.digests import annotations_digest, seal_annotations
 from fraexp.store.tables import key_chunks, note, sweep, tag
 
 

@@ -19,12 +19,13 @@ from fraexp.store.digests import (
     listed_digest,
     log_digest,
     origins_digest,
+    read_origin_rows,
     run_digest,
+    sum_of_digests,
 )
 from fraexp.store.liveness import Host, Process, host_of, now
 from fraexp.store.queries import annotations
 from fraexp.store.queries.filter_sql import STATES
-from fraexp.store.sealing import read_origin_rows, sum_of_digests
 from fraexp.store.stored_records import ComponentOrigin, RunProgress, RunSummary, StoredSweep
 from fraexp.store.tables import (
     IN_RUNS,

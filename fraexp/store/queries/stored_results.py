@@ -9,8 +9,7 @@ from sqlalchemy import Connection, func, or_, select
 from fraexp.data.results import Outcome, Result
 from fraexp.store import codec
 from fraexp.store.damage import DAMAGED, read_tolerantly
-from fraexp.store.digests import LISTED_COLUMNS, RESULT_COLUMNS, STATE_COLUMNS, content_digest, digest
-from fraexp.store.sealing import covered_rows
+from fraexp.store.digests import LISTED_COLUMNS, RESULT_COLUMNS, STATE_COLUMNS, content_digest, covered_rows, digest
 from fraexp.store.stored_records import Likeness, StoredState
 from fraexp.store.tables import MAX_KEYS_PER_QUERY, ResultRow, is_one_of, key_chunks, metadata, sweep
 from fraexp.store.tables import supplied_component as supplied

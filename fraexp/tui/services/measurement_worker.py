@@ -36,6 +36,7 @@ from fraexp.views.measurement_texts import (
     AUTONOMOUS_STAGES,
     AUTONOMOUS_TOTAL,
     FORCE_PLACE,
+    MissedBands,
     demand_names,
     demand_units,
     found_text,
@@ -44,7 +45,6 @@ from fraexp.views.measurement_texts import (
     plan_heads,
     plan_total,
 )
-from fraexp.views.missed_bands import MissedBands
 from fraexp.workspace.autonomous_service import STAGES, AutonomousService, EvaluationBegun, StageBegun
 from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
 from fraexp.workspace.workspace_folder import DATABASE_VARIABLE

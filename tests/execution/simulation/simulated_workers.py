@@ -1,7 +1,7 @@
 """Workers whose jobs take simulated time; some of them are lost."""
 
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Future
 
 from fraexp.data.results import Metric, Outcome, Result
@@ -18,6 +18,7 @@ class SimulatedWorkers(Workers):
     count = 2
 
     def __init__(self, draw: random.Random, now: Callable[[], float]) -> None:
+        super().__init__()
         self._random, self._now = draw, now
         self._jobs: list[tuple[float, Job, Future[Answer]]] = []
 
@@ -40,9 +41,6 @@ class SimulatedWorkers(Workers):
             else:
                 metric = Metric("number", float(job.experiment["n"]), "1")
                 future.set_result([Result(Outcome.OK, metrics=(metric,))])
-
-    def reports(self) -> Iterator[tuple[int, float]]:
-        return iter(())
 
     def stop(self) -> None:
         """Do nothing."""
