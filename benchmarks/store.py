@@ -23,7 +23,7 @@ from fraexp.data.results import FrequencyResponse, Metric
 from fraexp.data.sweep import Sweep
 from fraexp.store import Store, codec
 from fraexp.store.shared_sections import add_field_names
-from fraexp.store.tables import frequency_response, metric, run_sweep, sweep
+from fraexp.store.tables import RESPONSE_ARRAYS, frequency_response, metric, run_sweep, sweep
 from fraexp.tui.plotting.compared_sweeps import read_marked_sweeps
 from fraexp.views.comparison import difference_rows
 from tests.store.resealing import seal_sweeps
@@ -113,7 +113,8 @@ def size(bench: Bench) -> None:
             with Store.open(str(file), create=True) as store:
                 write_results(store, store.begin_run("size", "size.toml", "fraexp run", {}, grid), grid, points)
             each = file.stat().st_size / len(grid)
-        data = {name: np.asarray(getattr(response(points), name), dtype) for name, dtype in codec.ARRAY_TYPES.items()}
+        stored = {name: of for name, of in RESPONSE_ARRAYS.items() if not of.is_optional}
+        data = {name: np.asarray(getattr(response(points), name), of.dtype) for name, of in stored.items()}
         ratio = each / sum(array.nbytes for array in data.values())
         is_met = points < FREQUENCIES_OF_A_STUDY or ratio <= MOST_SIZE
         bench.row(f"{points} frequencies", f"{each / 1024:5.2f} KiB a sweep, {ratio:.2f} times its arrays", is_met)

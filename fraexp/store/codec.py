@@ -11,33 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from fraexp.data.results import Curve, Fit, FrequencyResponse, Metric, Outcome, Result
 from fraexp.errors import StoreError
-from fraexp.store.tables import RowValues, TableRow
+from fraexp.store.tables import RESPONSE_ARRAYS, RowValues, TableRow
 from fraexp.store.validation import DamagedError, check_types
-
-ARRAY_TYPES: dict[str, type] = {
-    "frequency": np.float64,
-    "response": np.complex128,
-    "covariance": np.float64,
-    "input_amplitude": np.float64,
-    "output_amplitude": np.float64,
-    "settled": np.bool_,
-    "settling_time": np.float64,
-    "residual": np.float64,
-    "harmonics": np.complex128,
-}
-"""Type of each array of a frequency response."""
-EXTRA_SIDES = {"covariance": (2, 2), "model_covariance": (2, 2), "harmonics": (6,)}
-"""Sides of arrays beside the frequencies, if they have any."""
-OPTIONAL_ARRAYS = (
-    "freedom",
-    "noise_variance",
-    "nonlinear_variance",
-    "coherence",
-    "model_covariance",
-    "numerical_error",
-)
-"""Arrays of floats that may be missing."""
-
 
 NUMBER_KINDS = "biufc"
 """Kinds of numpy types that are numbers."""
@@ -91,25 +66,24 @@ def response_rows(key: str, response: FrequencyResponse | None) -> list[RowValue
     if response is None:
         return []
     row = {item.name: getattr(response, item.name) for item in fields(response)}
-    types = ARRAY_TYPES | {name: np.float64 for name in OPTIONAL_ARRAYS if row[name] is not None}
-    row |= {name: encode_array(row[name], f"the response's {name}", dtype) for name, dtype in types.items()}
+    for name, of in RESPONSE_ARRAYS.items():
+        if not of.is_optional or row[name] is not None:
+            row[name] = encode_array(row[name], f"the response's {name}", of.dtype)
     return [{"key": key, "points": len(response.frequency), **row}]
 
 
 def parse_response(row: TableRow) -> FrequencyResponse:
     """Return the frequency response in a row."""
     values: RowValues = {name: row[name] for name in ("unit", "input", "output")}
-    key = row["key"]
-    values |= {name: decode_array(row[name], key) for name in ARRAY_TYPES}
-    values |= {name: decode_array(row[name], key) for name in OPTIONAL_ARRAYS if row[name] is not None}
-    points = values["frequency"].shape
-    for name, dtype in {**ARRAY_TYPES, **dict.fromkeys(OPTIONAL_ARRAYS, np.float64)}.items():
-        array, sides = values.get(name), EXTRA_SIDES.get(name, ())
-        if array is not None and (array.dtype != dtype or array.shape != (*points, *sides) or len(points) != 1):
-            expected = f"{np.dtype(dtype)} {(*points, *sides)}"
-            raise DamagedError(
-                key, f"a stored {name} is {array.dtype} {array.shape}; expected {expected}: {RECOMPUTE_HINT}"
-            )
+    for name, of in RESPONSE_ARRAYS.items():
+        if of.is_optional and row[name] is None:
+            continue
+        array = values[name] = decode_array(row[name], row["key"])
+        points = values["frequency"].shape
+        shape = (*points, *of.sides)
+        if array.dtype != of.dtype or array.shape != shape or len(points) != 1:
+            found, expected = f"{array.dtype} {array.shape}", f"{np.dtype(of.dtype)} {shape}"
+            raise DamagedError(row["key"], f"a stored {name} is {found}; expected {expected}: {RECOMPUTE_HINT}")
     return check_types(FrequencyResponse(**values))
 
 

@@ -19,15 +19,20 @@ from sqlalchemy import Connection, RowMapping, Table, bindparam, case, func, sel
 
 from fraexp.store.tables import (
     IN_RUNS,
+    RESULT_TABLES,
     STANDING_LATEST,
     STANDING_OVERTAKEN,
     STANDING_REPEATED,
     WITHOUT_RUN,
     Expression,
-    Query,
     RowValues,
     TableRow,
+    curve,
+    curve_column,
+    fit,
+    frequency_response,
     key_chunks,
+    metric,
     note,
     run,
     run_sweep,
@@ -36,18 +41,11 @@ from fraexp.store.tables import (
     tag,
 )
 
-RESULT_COLUMNS: dict[str, tuple[str, ...]] = {
-    "frequency_response": (
-        *("unit", "input", "output", "points", "frequency", "response", "covariance", "input_amplitude"),
-        *("output_amplitude", "settled", "settling_time", "residual", "harmonics", "freedom", "noise_variance"),
-        *("nonlinear_variance", "coherence", "model_covariance", "numerical_error"),
-    ),
-    "metric": ("position", "name", "value", "unit"),
-    "curve": ("position", "name"),
-    "curve_column": ("curve", "position", "name", "unit", "samples"),
-    "fit": ("position", "kind", "component", "parameters", "units", "values", "covariance"),
+RESULT_COLUMNS = {
+    table.name: tuple(column.name for column in table.columns if column.name != "key")
+    for table in (frequency_response, metric, curve, curve_column, fit)
 }
-"""Columns of a result's tables that its digest covers, beside the key."""
+"""Columns of a result's tables that its digest covers, beside the key: all."""
 STATE_COLUMNS = ("key", "outcome", "message", "numerics", "elapsed")
 """Columns of a sweep that the digest of its result covers."""
 LISTED_COLUMNS = (
@@ -105,23 +103,13 @@ def listed_digest(row: TableRow) -> int:
     return digest(_listed_values(row))
 
 
-def content_digest(state: Iterable[Any], tables: Mapping[str, Iterable[Sequence[Any]]]) -> int:
-    """Return the digest of a result.
-
-    `state` has the values of STATE_COLUMNS; `tables` has the values of RESULT_COLUMNS of each row, in the order of
-    their positions, by the name of the table.
-    """
-    values = list(state)
-    for name in RESULT_COLUMNS:
-        for row in tables.get(name, ()):
-            values += row
-    return digest(values)
-
-
 def result_digest(state: TableRow, tables: Mapping[str, Sequence[TableRow]]) -> int:
-    """Return the digest of a result by its sweep's row and the rows of its tables."""
-    values = {name: [_result_values[name](row) for row in tables.get(name, ())] for name in RESULT_COLUMNS}
-    return content_digest((state[name] for name in STATE_COLUMNS), values)
+    """Return the digest of a result by its sweep's row and the rows of its tables, in the order of their positions."""
+    values = [state[name] for name in STATE_COLUMNS]
+    for name, of_row in _result_values.items():
+        for row in tables.get(name, ()):
+            values += of_row(row)
+    return digest(values)
 
 
 def origins_digest(key: str, rows: Iterable[TableRow]) -> int:
@@ -222,11 +210,16 @@ def seal_annotations(connection: Connection, keys: Iterable[str]) -> None:
         connection.execute(update(sweep).where(sweep.c.key == bindparam("of")), rows)
 
 
-def covered_rows(table: Table, keys: list[str]) -> Query:
-    """Return the query of the rows of a result's table: the key, then the covered columns, in their order."""
-    order = [table.c[name] for name in ("curve", "position") if name in table.c]
-    columns = (table.c[name] for name in RESULT_COLUMNS[table.name])
-    return select(table.c.key, *columns).where(table.c.key.in_(keys)).order_by(*order)
+def read_result_rows(
+    connection: Connection, keys: Sequence[str], tables: Iterable[Table] = RESULT_TABLES
+) -> dict[str, dict[str, list[RowValues]]]:
+    """Return the rows of results by key of the sweep and name of the table, in the order of their positions."""
+    found: dict[str, dict[str, list[RowValues]]] = defaultdict(lambda: defaultdict(list))
+    for table in tables:
+        query = select(table).where(table.c.key.in_(list(keys))).order_by(*table.primary_key.columns)
+        for row in connection.execute(query).mappings():
+            found[row["key"]][table.name].append(dict(row))
+    return found
 
 
 def read_origin_rows(connection: Connection, keys: list[str]) -> dict[str, list[RowValues]]:

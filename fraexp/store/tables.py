@@ -6,8 +6,9 @@ Types are portable to PostgreSQL. Arrays are .npy bytes. A change here needs ano
 import math
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
+import numpy as np
 from sqlalchemy import (
     JSON,
     BigInteger,
@@ -115,8 +116,8 @@ IN_RUNS, WITHOUT_RUN = "yes", "no"
 """Whether a run has a sweep: words, of which none becomes the other one by a few changed bits."""
 
 
-def _array_column(name: str, nullable: bool = False) -> Column[bytes]:
-    return Column(name, CheckedBytes, nullable=nullable)
+def _array_column(name: str) -> Column[bytes]:
+    return Column(name, CheckedBytes, nullable=False)
 
 
 def _text_column(name: str, default: str | None = None) -> Column[str]:
@@ -247,6 +248,34 @@ lease = Table(
 )
 """Sweeps that a run has claimed; a lease is valid as long as the run sends heartbeats."""
 
+
+class ArrayField(NamedTuple):
+    """An array of a frequency response, with a value for each of its n frequencies."""
+
+    dtype: type
+    sides: tuple[int, ...] = ()
+    """Sides beside the frequencies."""
+    is_optional: bool = False
+
+
+RESPONSE_ARRAYS = {
+    "frequency": ArrayField(np.float64),  # Hz
+    "response": ArrayField(np.complex128),  # unit
+    "covariance": ArrayField(np.float64, (2, 2)),  # of (real, imaginary) part, unit²
+    "input_amplitude": ArrayField(np.float64),  # unit of the input
+    "output_amplitude": ArrayField(np.float64),  # unit of the output
+    "settled": ArrayField(np.bool_),
+    "settling_time": ArrayField(np.float64),  # s
+    "residual": ArrayField(np.float64),
+    "harmonics": ArrayField(np.complex128, (6,)),  # relative to the fundamental
+    "freedom": ArrayField(np.float64, is_optional=True),  # of the covariance
+    "noise_variance": ArrayField(np.float64, is_optional=True),  # unit²
+    "nonlinear_variance": ArrayField(np.float64, is_optional=True),  # unit²
+    "coherence": ArrayField(np.float64, is_optional=True),  # squared
+    "model_covariance": ArrayField(np.float64, (2, 2), is_optional=True),  # of 1/response, 1/unit²
+    "numerical_error": ArrayField(np.float64, is_optional=True),  # relative
+}
+
 frequency_response = Table(
     "frequency_response",
     metadata,
@@ -255,21 +284,7 @@ frequency_response = Table(
     _text_column("input"),
     _text_column("output"),
     Column("points", Integer, nullable=False),
-    _array_column("frequency"),  # Hz, float (n,)
-    _array_column("response"),  # unit, complex (n,)
-    _array_column("covariance"),  # of (real, imaginary) part, unit², float (n, 2, 2)
-    _array_column("input_amplitude"),  # unit of the input, float (n,)
-    _array_column("output_amplitude"),  # unit of the output, float (n,)
-    _array_column("settled"),  # bool (n,)
-    _array_column("settling_time"),  # s, float (n,)
-    _array_column("residual"),  # float (n,)
-    _array_column("harmonics"),  # relative to the fundamental, complex (n, 6)
-    _array_column("freedom", nullable=True),  # of the covariance, float (n,)
-    _array_column("noise_variance", nullable=True),  # unit², float (n,)
-    _array_column("nonlinear_variance", nullable=True),  # unit², float (n,)
-    _array_column("coherence", nullable=True),  # squared, float (n,)
-    _array_column("model_covariance", nullable=True),  # of 1/response, 1/unit², float (n, 2, 2)
-    _array_column("numerical_error", nullable=True),  # relative, float (n,)
+    *(Column(name, CheckedBytes, nullable=of.is_optional) for name, of in RESPONSE_ARRAYS.items()),
 )
 
 metric = Table(

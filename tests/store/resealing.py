@@ -1,27 +1,24 @@
 """Digests of a database computed anew, as if fraexp had written what a test or a benchmark has changed in it."""
 
-from collections import defaultdict
 from collections.abc import Iterable, Sequence
 
 from sqlalchemy import Connection, bindparam, select, update
 
 from fraexp.store.digests import (
-    RESULT_COLUMNS,
-    STATE_COLUMNS,
-    content_digest,
-    covered_rows,
     listed_digest,
     log_digest,
     origins_digest,
     parts_digest,
     read_origin_rows,
+    read_result_rows,
     read_run_rows,
+    result_digest,
     run_sweep_digest,
     seal_annotations,
     seal_places,
     seal_run,
 )
-from fraexp.store.tables import PARTS, key_chunks, metadata, part, run, run_sweep, sweep
+from fraexp.store.tables import PARTS, key_chunks, part, run, run_sweep, sweep
 
 
 def seal_database(connection: Connection) -> None:
@@ -37,30 +34,20 @@ def seal_database(connection: Connection) -> None:
 def seal_sweeps(connection: Connection, keys: Sequence[str]) -> None:
     """Compute the digests of sweeps and of their results anew."""
     for chunk in key_chunks(keys):
-        tables = _result_values(connection, chunk)
+        tables = read_result_rows(connection, chunk)
         origins = read_origin_rows(connection, chunk)
         states = connection.execute(select(sweep).where(sweep.c.key.in_(chunk))).mappings().all()
         parts = _part_digests(connection, (row[f"{name}_part"] for row in states for name in PARTS))
         rows = []
         for row in states:
             key = row["key"]
-            state = (row[name] for name in STATE_COLUMNS)
-            content = None if row["outcome"] is None else content_digest(state, tables[key])
+            content = None if row["outcome"] is None else result_digest(row, tables[key])
             own = (parts.get(row[f"{name}_part"] or 0) for name in PARTS)
             digests = {"digest": listed_digest(row), "content": content, "parts": parts_digest(key, own)}
             rows.append({"of": key, **digests, "origins": origins_digest(key, origins[key])})
         if rows:
             connection.execute(update(sweep).where(sweep.c.key == bindparam("of")), rows)
         seal_annotations(connection, chunk)
-
-
-def _result_values(connection: Connection, keys: list[str]) -> dict[str, dict[str, list[Sequence[object]]]]:
-    """Return the values that the digests of results cover, by key and table."""
-    found: dict[str, dict[str, list[Sequence[object]]]] = defaultdict(lambda: defaultdict(list))
-    for name in RESULT_COLUMNS:
-        for row in connection.execute(covered_rows(metadata.tables[name], keys)):
-            found[row[0]][name].append(row[1:])
-    return found
 
 
 def _part_digests(connection: Connection, numbers: Iterable[int | None]) -> dict[int, str]:

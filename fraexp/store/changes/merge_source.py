@@ -12,10 +12,9 @@ from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.store import codec, shared_sections
 from fraexp.store.damage import is_damage, read_tolerantly
-from fraexp.store.digests import annotations_digest, listed_digest, origins_digest, result_digest
+from fraexp.store.digests import annotations_digest, listed_digest, origins_digest, read_result_rows, result_digest
 from fraexp.store.queries import annotations
 from fraexp.store.tables import (
-    RESULT_TABLES,
     Query,
     RowValues,
     curve_column,
@@ -131,7 +130,7 @@ def _read_sweeps(connection: Connection, keys: list[str]) -> dict[str, SourceSwe
     found = connection.execute(select(sweep).where(sweep.c.key.in_(keys))).mappings().all()
     resolved = shared_sections.load_parts(connection, found)
     beside = _Beside(
-        _read_rows(connection, keys),
+        read_result_rows(connection, keys),
         annotations.tags_of_sweeps(connection, keys),
         annotations.notes_of_sweeps(connection, keys),
     )
@@ -164,12 +163,3 @@ def _find_damage(row: RowMapping, rows: Rows) -> Iterator[str]:
             yield "result"
     elif result_digest(row, rows) != row["content"]:
         yield "result"
-
-
-def _read_rows(connection: Connection, keys: Sequence[str]) -> dict[str, Rows]:
-    found: dict[str, Rows] = defaultdict(lambda: defaultdict(list))
-    for table in RESULT_TABLES:
-        query = select(table).where(table.c.key.in_(list(keys))).order_by(*table.primary_key.columns)
-        for row in connection.execute(query).mappings():
-            found[row["key"]][table.name].append(dict(row))
-    return found

@@ -7,11 +7,11 @@ from collections.abc import Iterable
 from sqlalchemy import Connection, func, or_, select
 
 from fraexp.data.results import Outcome, Result
-from fraexp.store import codec
+from fraexp.store import codec, digests
 from fraexp.store.damage import DAMAGED, read_tolerantly
-from fraexp.store.digests import LISTED_COLUMNS, RESULT_COLUMNS, STATE_COLUMNS, content_digest, covered_rows, digest
+from fraexp.store.digests import LISTED_COLUMNS, digest
 from fraexp.store.stored_records import Likeness, StoredState
-from fraexp.store.tables import MAX_KEYS_PER_QUERY, ResultRow, is_one_of, key_chunks, metadata, sweep
+from fraexp.store.tables import MAX_KEYS_PER_QUERY, is_one_of, key_chunks, metadata, sweep
 from fraexp.store.tables import supplied_component as supplied
 
 HAS_RESULT = or_(sweep.c.outcome.is_not(None), sweep.c.content.is_not(None))
@@ -87,18 +87,13 @@ def _with_result(connection: Connection, keys: list[str]) -> dict[str, bool]:
 
 
 def _read_results(connection: Connection, keys: list[str]) -> dict[str, Result]:
-    tables: dict[str, dict[str, list[ResultRow]]] = defaultdict(lambda: defaultdict(list))
-    for name in RESULT_COLUMNS:
-        for row in connection.execute(covered_rows(metadata.tables[name], keys)):
-            tables[row[0]][name].append(row)
-    query = select(*(sweep.c[name] for name in (*STATE_COLUMNS, "content")))
+    rows = digests.read_result_rows(connection, keys, [metadata.tables[name] for name in digests.RESULT_COLUMNS])
+    query = select(*(sweep.c[name] for name in (*digests.STATE_COLUMNS, "content")))
     found = {}
-    for row in connection.execute(query.where(sweep.c.key.in_(keys), HAS_RESULT)):
-        of = tables[row.key]
-        values = {name: [item[1:] for item in rows] for name, rows in of.items()}
-        is_sound = content_digest(row[:-1], values) == row.content
-        rows = {name: [item._mapping for item in items] for name, items in of.items()}
-        found[row.key] = codec.parse_result(row._mapping, rows) if is_sound else damaged_result()
+    for state in connection.execute(query.where(sweep.c.key.in_(keys), HAS_RESULT)).mappings():
+        tables = rows[state["key"]]
+        is_sound = digests.result_digest(state, tables) == state["content"]
+        found[state["key"]] = codec.parse_result(state, tables) if is_sound else damaged_result()
     return found
 
 
