@@ -31,7 +31,7 @@ from fraexp.views.comparison import (
     fold_incomparable,
     metric_values,
     parameter_values,
-    with_common_labels,
+    with_all_labels,
 )
 from fraexp.views.text_tables import TextTable
 from fraexp.views.words import fixed_text, number_text, plural, short_key
@@ -141,7 +141,7 @@ def execute(arguments: Namespace) -> ExitCode:
     with workspace.open_store() as store:
         sweeps = choose_sweeps(store, arguments.ids, arguments.filter)
         if all(find_run_number(store, identifier) is None for identifier in arguments.ids):
-            sweeps = with_common_labels(store, sweeps)
+            sweeps = with_all_labels(sweeps)
         results = store.results(sweep.key for sweep in sweeps)
         sweeps = leave_out_damaged(sweeps, results, say)
     if len(sweeps) < 2:

@@ -89,7 +89,7 @@ def _cache_error() -> str:
 def _database_document(workspace: WorkspaceFolder, here: str) -> dict[str, Any]:
     url = workspace.database
     document: dict[str, Any] = {"url": masked_url(url), "exists": False, "runs": 0, "error": ""}
-    document |= {"sweeps": 0, "size": 0, "journal": "", "hanging": [], "read_only": ""}
+    document |= {"sweeps": 0, "size": 0, "hanging": [], "read_only": ""}
     is_file = "://" not in url or url.startswith("sqlite:")
     file = Path(url.removeprefix("sqlite:///"))
     document["file_system"] = file_system_type(file.parent) if is_file else ""
@@ -117,7 +117,6 @@ def _database_contents(store: Store, here: str) -> dict[str, object]:
         "runs": len(runs),
         "sweeps": store.page(limit=0).total,
         "size": store.size(),
-        "journal": store.journal(),
         "hanging": [text for text in hanging if text],
     }
 
@@ -155,7 +154,6 @@ def _print(document: dict[str, Any], tested: selftest.SelfTest) -> None:
         ("memory", f"{memory['total'] / 1e9:.1f} GB, {memory['available'] / 1e9:.1f} GB available"),
         ("platform", document["platform"]),
         ("database", _located_text(stored["error"] or sound, stored["url"])),
-        ("journal", stored["journal"]),
         ("file system", stored["file_system"]),
         ("cache", document["cache"]["folder"]),
         ("plugins", f"{plural(plugins['components'], 'component')}, {len(plugins['broken'])} broken"),

@@ -15,7 +15,7 @@ from fraexp.figures.elements.stamp import check_folder, check_suffix
 from fraexp.figures.elements.view import View
 from fraexp.reports.published_comparisons import run_title
 from fraexp.store import Store, StoredSweep
-from fraexp.views.comparison import with_common_labels
+from fraexp.views.comparison import with_all_labels
 from fraexp.views.words import plural
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -36,7 +36,7 @@ def execute(arguments: Namespace) -> ExitCode:
     with workspace.open_store() as store:
         sweeps = choose_sweeps(store, arguments.ids, arguments.filter)
         if all(find_run_number(store, identifier) is None for identifier in arguments.ids):
-            sweeps = with_common_labels(store, sweeps)
+            sweeps = with_all_labels(sweeps)
         if arguments.terminal:
             print_figure(workspace, store, sweeps, arguments.kind, arguments.group_by)
         if arguments.output is None:

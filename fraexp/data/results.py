@@ -1,6 +1,5 @@
 """What is learnt from signals: frequency responses with covariance, metrics, curves, and the outcome."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -15,18 +14,13 @@ HARMONICS = 7
 EFFORT = ("stroke", "peak force", "measuring time")
 """Names of the metrics that tell what an experiment takes on a machine: every simulated one has them."""
 
-NAMED_FREQUENCY = re.compile(r"\d Hz\b")
-"""A frequency in a message."""
-COUNTED_FREQUENCIES = re.compile(r"\b(\d+) of (\d+) (?:frequencies|records)\b")
-"""How many of the frequencies, or of their records, a message is about."""
-
 
 class Outcome(Enum):
-    """How a computation ended; the value is the remedy in general."""
+    """How a computation ended; the value is the remedy."""
 
     OK = ""
     NOT_SETTLED = "raise excitation.settling_timeout, or loosen excitation.settling_tolerance"
-    INACCURATE = "frequencies that the message does not list are valid; for the others, do what it advises"
+    INACCURATE = "do what the message advises; if it lists frequencies, the others are valid"
     NO_MOTION = (
         "raise excitation.amplitude, or use an encoder of finer resolution; of a record, state excited frequencies only"
     )
@@ -44,17 +38,6 @@ class Outcome(Enum):
     def words(self) -> str:
         """The name as people read it, such as ``not settled``."""
         return self.name.lower().replace("_", " ")
-
-    def remedy(self, message: str) -> str:
-        """Return what to do about a result with this message.
-
-        A message without a frequency is about all numbers, as is one that counts all of them.
-        """
-        counts = COUNTED_FREQUENCIES.findall(message)
-        is_whole = any(count == total for count, total in counts) or not NAMED_FREQUENCY.search(message)
-        if self is Outcome.INACCURATE and message and is_whole:
-            return "the message is about the whole result: do what it advises, or use no number that must be accurate"
-        return self.value
 
 
 UNUSABLE_OUTCOMES = (Outcome.NO_MOTION, Outcome.DIVERGED, Outcome.ERROR, Outcome.DAMAGED)

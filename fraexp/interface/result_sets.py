@@ -1,6 +1,6 @@
 """Results of several sweeps: of a run, or of a search in the database."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, SupportsIndex, overload
@@ -88,21 +88,18 @@ class Results(Sequence[SweepResult]):
     def __iter__(self) -> Iterator[SweepResult]:
         return iter(self._items)
 
-    def filter(self, text: str = "", **conditions: object) -> "Results":
+    def filter(self, text: str = "") -> "Results":
         """Return the results that match a filter, in the language of ``fraexp list``.
 
-        For example ``estimator=effective_input excitation.amplitude>=12``. FraexpError if it is invalid, which
-        conditions outside of the text are: most names of fields are none in Python.
+        For example ``estimator=effective_input excitation.amplitude>=12``. FraexpError if it is invalid.
         """
-        _refuse_conditions("filter", conditions)
         require_text(text, "filter")
         with self._service.open_store() as store:
             known = set(store.keys(text))
         return Results([of for of in self._sweeps if of.key in known], self._service, self.title)
 
-    def one(self, text: str = "", **conditions: object) -> SweepResult:
+    def one(self, text: str = "") -> SweepResult:
         """Return the only result that matches a filter; StudyError if there is none, or several."""
-        _refuse_conditions("one", conditions)
         found = self.filter(text) if text else self
         if len(found) != 1:
             where = f" match '{text}'" if text else ""
@@ -222,15 +219,6 @@ class Results(Sequence[SweepResult]):
         rows = [[row[index] for index in columns] for row in table.rows]
         figure = self.plot() if drawable else None
         return page_part(self._heading(), notes, figure, [table.columns[index] for index in columns], rows)
-
-
-def _refuse_conditions(method: str, conditions: Mapping[str, object]) -> None:
-    """Raise ParameterError for conditions that are given as arguments instead of in a text."""
-    if conditions:
-        text = " ".join(f"{name}={value}" for name, value in conditions.items())
-        raise ParameterError(
-            f"{method} has no argument '{next(iter(conditions))}'; expected a text: {method}({text!r})"
-        )
 
 
 class Run(Results):

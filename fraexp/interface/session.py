@@ -1,7 +1,6 @@
 """A workspace in Python: studies are run, results read, and experiments computed without a database."""
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +25,6 @@ from fraexp.records.study_writer import PERIODIC_ESTIMATOR
 from fraexp.study.study_file import ResolvedStudy, find_studies
 from fraexp.workspace.workspace_service import WorkspaceService
 
-ALL_ROWS = 1_000_000
-"""Rows of a page that holds all sweeps."""
-KEYWORDS = {"--time": "time_column", "--aperiodic": "periodic"}
-"""Arguments that are not called like the option of ``fraexp import`` which means the same."""
-OPTIONS_WITH_TEXT = ("--time", "--resample", "--unit")
 _reported: set[tuple[LoadFailure, FileStamp | None]] = set()
 """Broken plugins that have been reported, each as its file was: calls in a loop report it once."""
 
@@ -197,7 +191,7 @@ class Workspace:
         """Return all stored sweeps that match a filter, such as ``estimator=conventional excitation.amplitude>=12``."""
         require_text(filter, "filter")
         with self._service.open_store() as store:
-            found = [store.find(key) for key in store.keys(filter)]
+            found = list(store.find_all(store.keys(filter)).values())
         return Results(found, self._service, filter)
 
     def sweep(self, key: str) -> SweepResult:
@@ -351,22 +345,7 @@ def missing_channels(file: Path, registry: Registry) -> ParameterError:
     found = list_contents(file, registry)
     proposal = propose_import(file, found, registry)
     needs = "".join(f"; {need}" for need in proposal.needs)
-    return ParameterError(f"read_record needs channels; probably {_call_text(proposal.words)}{needs}")
-
-
-def _call_text(words: list[str]) -> str:
-    """Return the options of a command as arguments in Python."""
-    pairs = [(word, value) for word, value in pairwise([*words, ""]) if word.startswith("--")]
-    channels = dict(value.split("=", 1) for word, value in pairs if word == "--channel")
-    others = [_argument_text(*pair) for pair in pairs if pair[0] not in ("--channel", "--estimator", "--level")]
-    return ", ".join([f"channels={channels!r}", *others])
-
-
-def _argument_text(option: str, value: str) -> str:
-    name = KEYWORDS.get(option, option.removeprefix("--").replace("-", "_"))
-    if option == "--aperiodic":
-        return f"{name}=False"
-    return f"{name}={value!r}" if option in OPTIONS_WITH_TEXT else f"{name}={value}"
+    return ParameterError(f"read_record needs channels; probably those of '{proposal.command}'{needs}")
 
 
 def run(study: str | Path | Study, changes: Mapping[str, object] | None = None, **options: Any) -> Run:

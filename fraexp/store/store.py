@@ -363,11 +363,6 @@ class Store:
         """Return the size of the database [bytes]."""
         return self._database.size()
 
-    def journal(self) -> str:
-        """Return the database's journal mode."""
-        with self._reading() as connection:
-            return self._database.journal(connection)
-
     def health(self) -> str:
         """Return ``sound``, or what is damaged in the structure of the database and in its contents."""
         return str(self.examine())

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fraexp.components.kinds import KINDS, Excitation
 from fraexp.components.parameters import Parameters, param
 from fraexp.components.registry import Registry, create
-from fraexp.data import units
+from fraexp.data import toml, units
 from fraexp.data.sweep import DRAW, Sweep, as_section
 from fraexp.errors import FraexpError, ParameterError, StudyError, did_you_mean
 from fraexp.study.paths import SETTINGS, replace_at, unit_at, value_at
@@ -137,8 +137,12 @@ def _sample_around(
 ) -> list[float]:
     nominal = value_at(sections, path)
     if not isinstance(nominal, float):
-        remedy = "vary it in [grid]" if isinstance(nominal, int | str) else _type_remedy(nominal, path)
-        raise StudyError(f"'{path}' is {_kind_text(nominal)}, around which no number can be drawn: {remedy}")
+        inside = {str(at): value for at, value in enumerate(nominal)} if isinstance(nominal, list) else nominal
+        remedy = "vary it in [grid]" if nominal is not None else "give it a value in the study"
+        if isinstance(inside, Mapping):
+            number = next((key for key, value in inside.items() if isinstance(value, float)), "…")
+            remedy = f"name one of its numbers, such as '{path}.{number}'"
+        raise StudyError(f"'{path}' is {toml.as_text(nominal):.60}, around which no number can be drawn: {remedy}")
     if entry.relative is None:
         try:
             amount = entry.amount(unit_at(sections, path, registry))
@@ -152,29 +156,6 @@ def _sample_around(
             f"'{path}' is 0, and so is any fraction of it; expected '{entry.amount_name}' in place of 'relative'"
         )
     return list(values.tolist())
-
-
-def _type_remedy(nominal: Any, path: str) -> str:
-    if isinstance(nominal, list):
-        return f"name one of its {len(nominal)} values, such as '{path}.0'"
-    if isinstance(nominal, Mapping):
-        return f"name one of its numbers, such as '{path}.{_first_number(nominal)}'"
-    return "give it a value in the study"
-
-
-def _first_number(nominal: Mapping[str, Any]) -> str:
-    return next((key for key, value in nominal.items() if isinstance(value, float)), next(iter(nominal), "…"))
-
-
-def _kind_text(value: Any) -> str:
-    match value:
-        case None:
-            return "not given"
-        case list() | tuple():
-            return "a list"
-        case Mapping():
-            return "a table"
-    return repr(value)
 
 
 def sample_sweeps(place: str, nominal: Sweep, draws: Draws, registry: Registry) -> Iterator[Sweep]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
 from statistics import median
 from typing import Any
 
@@ -10,38 +9,11 @@ from fraexp.components.registry import Registry
 from fraexp.data.identity import key_of
 from fraexp.data.results import Result
 from fraexp.figures.kinds.difference import Difference, response_difference
-from fraexp.store import Store, StoredSweep
+from fraexp.store import StoredSweep
 from fraexp.study.paths import unit_at
 from fraexp.views.words import flatten, number_text, scale_values, short_key, value_text, with_unit
 
 ABSENT = "-"
-MAX_SINGLE_QUERIES = 50
-"""Number of sweeps of a run from which all of its sweeps are read at once."""
-
-
-def with_common_labels(store: Store, sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:
-    """Return sweeps of several runs, all with the same labels, from the runs that computed them."""
-    return with_all_labels(with_original_labels(store, sweeps))
-
-
-def with_original_labels(store: Store, sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:
-    """Return sweeps with the labels that they have in the runs that computed them, not in those that reused them."""
-    labels: dict[str, dict[str, object]] = {}
-    others = [sweep for sweep in sweeps if sweep.created and sweep.state != "computed"]
-    for run in store.runs() if others else ():
-        end = run.ended or datetime.max.replace(tzinfo=UTC)
-        wanted = [sweep.key for sweep in others if sweep.created and run.started <= sweep.created <= end]
-        labels |= _labels_in_run(store, run.number, wanted)
-    return [replace(sweep, labels=labels.get(sweep.key, sweep.labels)) for sweep in sweeps]
-
-
-def _labels_in_run(store: Store, number: int, keys: Sequence[str]) -> dict[str, dict[str, object]]:
-    """Return the labels of sweeps that a run computed, by key."""
-    if len(keys) > MAX_SINGLE_QUERIES:
-        wanted = set(keys)
-        return {of.key: of.labels for of in store.sweeps(number) if of.key in wanted and of.state == "computed"}
-    pages = [store.page(f"key={key}", run=number, limit=1).rows for key in keys]  # a run may have 100,000 others
-    return {of.key: of.labels for rows in pages for of in rows if of.key in keys and of.state == "computed"}
 
 
 def with_all_labels(sweeps: Sequence[StoredSweep]) -> list[StoredSweep]:

@@ -74,7 +74,7 @@ def remedies(sweeps: Sequence[StoredSweep]) -> list[str]:
 
 def remedy_text(sweep: StoredSweep) -> str:
     """Return what to do about a sweep's outcome; empty if there is nothing to be done."""
-    return sweep.outcome.remedy(sweep.message) if sweep.outcome else ""
+    return sweep.outcome.value if sweep.outcome else ""
 
 
 def outcome_text(sweep: StoredSweep) -> str:

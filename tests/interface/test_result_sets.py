@@ -11,11 +11,6 @@ from tests.interface.conftest import POINTS
     ("call", "expected"),
     [
         (
-            lambda run: run.filter(estimator="conventional"),
-            "filter has no argument 'estimator'; expected a text: filter(",
-        ),
-        (lambda run: run.one(estimator="a", outcome="ok"), "expected a text: one('estimator=a outcome=ok')"),
-        (
             lambda run: run["conventional"],
             "the index is 'conventional'; expected a number or a slice, such as [0]; one(",
         ),

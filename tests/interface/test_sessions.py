@@ -104,7 +104,7 @@ def simulate(plant: dict[str, float] | None = None, **excitation: object) -> fra
         (lambda: plan(estimator=["conventional", "h1_h2_hv"]), "[grid] runs several: estimator = [...]"),
         (lambda: simulate(amplitude=[12.0, 30.0]), "expected a valid number; a study varies it in [grid]"),
         (lambda: fraexp.read_record(RECORD, {"u": "-thrust [N]"}), "; to change the sign, write 'thrust * -1'"),
-        (lambda: fraexp.read_record(RECORD), "probably channels={'u': 'thrust', 'y': 'position'}, time_column='time'"),
+        (lambda: fraexp.read_record(RECORD), "probably those of 'fraexp import "),
         (lambda: fraexp.read_record("a.csv", ["u", "y"]), "channels: found ['u', 'y']; expected a table"),
         (lambda: fraexp.read_record(ROOT / "LICENSE", {"u": "a"}), "has no ending that tells its format; give reader"),
         (lambda: fraexp.run({"machine": "table"}), "study is {'machine': 'table'}; expected its name, its file or a"),

@@ -103,10 +103,6 @@ class Database(ABC):
     def size(self) -> int:
         """Return the size [bytes]."""
 
-    def journal(self, connection: Connection) -> str:
-        """Return the journal mode; empty if all databases of this kind have the same one."""
-        return ""
-
     @abstractmethod
     def version(self, connection: Connection) -> int:
         """Return a number that changes when another process writes."""

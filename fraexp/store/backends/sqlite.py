@@ -215,14 +215,6 @@ class SqliteFile(Database):
         with self.translated_errors():
             return self.path.stat().st_size
 
-    def journal(self, connection: Connection) -> str:
-        mode = str(connection.exec_driver_sql("PRAGMA journal_mode").scalar_one())
-        log = Path(f"{self.path}-wal")
-        if mode != "wal" and not self._has_journal():  # a reader that leaves no files does not see the log
-            mode = "wal"
-        waiting = log.stat().st_size if log.exists() else 0
-        return f"{mode}, {waiting / 1e6:.1f} MB not yet in the file" if waiting else mode
-
     def version(self, connection: Connection) -> int:
         return int(connection.exec_driver_sql("PRAGMA data_version").scalar_one())
 

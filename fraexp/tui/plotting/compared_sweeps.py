@@ -12,7 +12,7 @@ from fraexp.figures.elements.scales import readable_unit
 from fraexp.store import Store, StoredSweep, leave_out_damaged
 from fraexp.tui.plotting import plotted_curves
 from fraexp.tui.plotting.plotted_curves import REFERENCE, Picture, Reference
-from fraexp.views.comparison import fold_incomparable, group_difference_rows, with_common_labels
+from fraexp.views.comparison import fold_incomparable, group_difference_rows, with_all_labels
 from fraexp.views.words import plural
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -267,7 +267,7 @@ def read_marked_sweeps(store: Store, marked: Iterable[str], most: int = MAX_COMP
         notes.append(f"{plural(len(found) - len(with_result), 'sweep')} without a result")
     if len(some) < len(keys):
         notes.append(f"{len(some):,} of {len(keys):,} sweeps so far")
-    sweeps = with_common_labels(store, with_result)
+    sweeps = with_all_labels(with_result)
     results = store.results(sweep.key for sweep in sweeps)
     sweeps = leave_out_damaged(sweeps, results, notes.append)
     return MarkedSweeps(tuple(sweep for sweep in sweeps if sweep.key in results), results, tuple(notes), tuple(gone))

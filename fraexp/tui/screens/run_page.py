@@ -111,7 +111,7 @@ def _failure_lines(rows: Sequence[StoredSweep], total: int) -> list[str]:
     """Return what failed and why, and the remedy, once for all of the latest failures of one reason."""
     reasons: dict[tuple[str, str], list[StoredSweep]] = {}
     for row in rows:
-        remedy = (row.outcome or Outcome.ERROR).remedy(row.message)
+        remedy = (row.outcome or Outcome.ERROR).value
         reasons.setdefault((state_text(row), remedy), []).append(row)
     shown = list(reasons.items())[:MAX_SHOWN_REASONS]
     lines = []
