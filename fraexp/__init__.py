@@ -37,14 +37,14 @@ __all__ = [
 _MODULES = {
     "FraexpError": "errors",
     "FrictionLaw": "interface.callable_law",
-    "Recording": "interface.recordings",
+    "Recording": "interface.direct_computation",
     "Results": "interface.result_sets",
     "Run": "interface.result_sets",
     "Study": "interface.study_source",
     "SweepResult": "interface.sweep_results",
     "Workspace": "interface.session",
 }
-_SHORTCUTS = "interface.shortcuts"
+_SHORTCUTS = "interface.session"
 """Module of all other names: importing fraexp loads nothing, so that the command line starts at once."""
 
 

@@ -11,6 +11,7 @@ from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number
 from fraexp.components.kinds import Controller, Excitation, Plant
 from fraexp.errors import FraexpError
 from fraexp.store import StoredSweep, leave_out_damaged
+from fraexp.views.fields import toml_value
 from fraexp.workspace.fit_specs import fit_estimator, inherited_fit_settings, write_designed_study
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -70,6 +71,6 @@ def _report_inherited(
 ) -> None:
     """Report which settings are inherited from the fits of the studies."""
     kept = [inherited_fit_settings(sweep, fitting, arguments.overrides, workspace.registry) for sweep in sweeps]
-    texts = {", ".join(f"{name}={value}" for name, value in each.items()): each for each in kept if each}
+    texts = {", ".join(f"{name}={toml_value(value)}" for name, value in each.items()): each for each in kept if each}
     for text, each in texts.items():
         say(f"settings of the study's own fit are kept: {text}; reset one by --set {next(iter(each))}=")

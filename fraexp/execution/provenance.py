@@ -13,6 +13,8 @@ import fraexp
 
 CHECKOUT = Path(fraexp.__file__).resolve().parents[1]
 """Folder above the package: a checkout, or the folder of installed packages."""
+CODE_FOLDERS = ("fraexp", "plugins")
+"""What of a checkout decides results: not its studies, which runs store."""
 GIT_TIMEOUT_S = 5.0
 """Timeout for git."""
 
@@ -69,10 +71,10 @@ def _installed_version(name: str) -> str | None:
 
 
 def _git_state(folder: Path) -> dict[str, object] | None:
-    """Return the commit and whether files differ from it; None without a checkout or without git."""
+    """Return the commit and whether the code differs from it; None without a checkout or without git."""
     if not (folder / ".git").exists():
         return None
-    command = ["git", "-C", str(folder), "status", "--porcelain=v2", "--branch"]
+    command = ["git", "-C", str(folder), "status", "--porcelain=v2", "--branch", "--", *CODE_FOLDERS]
     quiet = {**os.environ, "GIT_OPTIONAL_LOCKS": "0"}  # git status must not write the index
     try:
         done = subprocess.run(command, capture_output=True, timeout=GIT_TIMEOUT_S, check=True, env=quiet)

@@ -92,6 +92,13 @@ class RunSummary:
     """Number of sweeps that were deleted since, which are not among the `total`."""
 
     @property
+    def end(self) -> str:
+        """State as people read it: an interrupted run is stopped, or its process was lost without a word."""
+        if self.state != "interrupted":
+            return self.state
+        return "process lost" if self.ended is None else "stopped"
+
+    @property
     def is_unusable(self) -> bool:
         """Whether it has ended without a usable result."""
         return self.state in ("complete", "partial") and 0 < self.total == self.failed + self.unusable

@@ -43,14 +43,11 @@ def run_fields(run: RunSummary) -> list[tuple[str, str]]:
 def run_state_text(run: RunSummary) -> str:
     """Return the state of a run, with its silence if it has sent no heartbeat for a while, and its deleted sweeps.
 
-    A run that was told to end is stopped; one whose process ended without a word is lost. One that has ended without
-    a usable result, such as after all of its sweeps have diverged, is not called complete.
+    One that has ended without a usable result, such as after all of its sweeps have diverged, is not called complete.
     """
-    state = run.state
+    state = run.end
     if run.is_unusable:
         state = NOTHING_USABLE
-    elif run.state == "interrupted":
-        state = "process lost" if run.ended is None else "stopped"
     elif run.silence >= MIN_SILENCE_S:
         state = f"{run.state}, silent for {duration_text(run.silence)}"
     return f"{state}, {run.deleted} deleted" if run.deleted else state

@@ -242,7 +242,7 @@ class WorkspaceService(WorkspaceFolder):
     def stop(self, run: RunSummary, kill: bool = False) -> None:
         """Stop a run and keep finished sweeps; with `kill`, kill its processes at once."""
         if run.state != "running":
-            raise StudyError(f"run {run.number} is {run.state}; it cannot be stopped")
+            raise StudyError(f"run {run.number} is {run.end}; it cannot be stopped")
         if run.process.host != platform.node():
             raise StudyError(f"run {run.number} runs on {run.process.host}; stop it there")
         background.stop(run.process.pid, kill)

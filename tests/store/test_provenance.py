@@ -61,6 +61,9 @@ def test_the_commit_and_what_differs_from_it_are_told(checkout):
     git(checkout, "add", ".")
     git(checkout, "commit", "-m", "first")
     assert gathered_in(checkout, **path)["git"] == {"commit": git(checkout, "rev-parse", "HEAD"), "dirty": False}
-    (checkout / "new.py").touch()
+    (checkout / "studies").mkdir()
+    (checkout / "studies" / "own.toml").touch()  # no code
+    assert gathered_in(checkout, **path)["git"]["dirty"] is False
+    (checkout / "fraexp" / "new.py").touch()
     assert gathered_in(checkout, **path)["git"]["dirty"] is True
     assert gathered_in(checkout, PATH="")["git"] is None  # no git to ask

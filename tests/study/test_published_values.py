@@ -15,7 +15,6 @@ from fraexp.study.published_values import (
     PublishedNumber,
     check,
     number_text,
-    readable_unit,
 )
 from fraexp.study.study_file import describe_study, packaged_studies
 
@@ -170,19 +169,3 @@ def test_every_published_number_of_the_paper_states_its_origin() -> None:
 )
 def test_numbers_are_rounded_to_the_second_digit_of_their_interval(given: tuple[float, ...], text: str) -> None:
     assert number_text(*given) == text
-
-
-@pytest.mark.parametrize(
-    ("unit", "values", "expected"),
-    [
-        ("m", [1e-7, 1.351e-4, float("nan")], (1e6, "µm")),
-        ("m", [1.5e-3, 1e-6], (1e3, "mm")),
-        ("m", [0.0], (1.0, "m")),
-        ("s", [0.0385], (1e3, "ms")),
-        ("m/(N s**2)", [0.132], (1e3, "mm/(N s**2)")),
-        ("Hz", [0.01], (1.0, "Hz")),
-    ],
-)
-def test_units_are_those_that_people_use(unit: str, values: list[float], expected: tuple[float, str]) -> None:
-    factor, name = readable_unit(unit, values)
-    assert (factor, name) == (pytest.approx(expected[0]), expected[1])
