@@ -41,6 +41,8 @@ def as_text(data: Any) -> str:
             return "nothing"
         case bool():
             return str(data).lower()
+        case float():
+            return f"{data:.15g}"
         case list() | tuple():
             return f"[{', '.join(map(as_text, data))}]"
         case dict():

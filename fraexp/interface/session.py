@@ -22,7 +22,7 @@ from fraexp.interface.sweep_results import SweepResult, require_fit
 from fraexp.records import RecordSettings
 from fraexp.records import resolve as resolve_record
 from fraexp.records.study_writer import PERIODIC_ESTIMATOR
-from fraexp.study.study_file import ResolvedStudy, find_studies
+from fraexp.study.study_file import ResolvedStudy, find_study
 from fraexp.workspace.workspace_service import WorkspaceService
 
 _reported: set[tuple[LoadFailure, FileStamp | None]] = set()
@@ -59,11 +59,9 @@ class Workspace:
 
     def study(self, name: str) -> Study:
         """Return a study by name or file, to be changed and run; StudyError names the nearest one."""
-        found = find_studies(require_text(name, "study"), self.folder)
-        if len(found) != 1:
-            raise StudyError(f"'{name}' is a folder of {len(found)} studies; expected one of them")
-        study = Study.from_file(found[0][1])
-        study.name = found[0][0]
+        own_name, file = find_study(require_text(name, "study"), self.folder)
+        study = Study.from_file(file)
+        study.name = own_name
         return study
 
     def components(self, kind: str = "friction") -> list[str]:
@@ -149,10 +147,7 @@ class Workspace:
             resolved = resolve_study(study, self.folder, self._service.registry, overrides)
             command = f"fraexp.Workspace.run({study.name!r}, a study written in Python)"
         else:
-            found = self._service.studies([str(study)], overrides)
-            if len(found) != 1:
-                raise StudyError(f"'{study}' is a folder of {len(found)} studies; expected one of them")
-            resolved = found[0]
+            resolved = self._service.study(str(study), overrides)
             command = self._service.command(resolved.name, overrides)
         self._require_files(resolved)
         return resolved, command

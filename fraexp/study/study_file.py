@@ -103,6 +103,14 @@ def find_studies(name: str, folder: Path) -> list[tuple[str, Path]]:
     raise StudyError(f"there is no study '{name}'{did_you_mean(name.removesuffix('.toml'), names)}")
 
 
+def find_study(name: str, folder: Path) -> tuple[str, Path]:
+    """Return name and file of one study; StudyError for a folder of several."""
+    found = find_studies(name, folder)
+    if len(found) != 1:
+        raise StudyError(f"'{name}' is a folder of {len(found)} studies; expected one of them")
+    return found[0]
+
+
 def _require_one(name: str, found: Path, own: Path) -> None:
     """Raise StudyError if a name may mean a file of the workspace as well as one of its studies."""
     if found.name != Path(name).name and own.is_file() and not own.samefile(found):
@@ -365,7 +373,7 @@ def stated_controller(name: str, folder: Path, registry: Registry) -> dict[str, 
 
     StudyError if it is none, or lacks one of them.
     """
-    ((_, file),) = find_studies(name, folder)[:1]
+    _, file = find_study(name, folder)
     data = read(file)
     machine = machine_of(data, file, folder)
     sections = {key: overlay(machine.get(key, {}), data.get(key, {})) for key in NEEDED}

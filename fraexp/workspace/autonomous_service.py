@@ -8,13 +8,13 @@ from typing import Any
 
 from fraexp.components.measurement_settings import MeasurementSettings
 from fraexp.data.results import Result
-from fraexp.data.rotary_axes import rotary_text
+from fraexp.data.rotary_axes import is_rotary, rotary_text
 from fraexp.data.sample_file import SampleHeader
 from fraexp.errors import FraexpError, MachineError, StudyError
 from fraexp.execution.events import Event, Finished, Noticed, Planned, Progress
 from fraexp.figures.elements.scales import displacement_unit
 from fraexp.measurement.autonomous_points import LEVEL_RATIOS, PointDesign
-from fraexp.measurement.consent import Consent, missing_consent
+from fraexp.measurement.consent import Consent
 from fraexp.measurement.friction_loop import LOOP_HZ, FrictionLoop, measure_friction_loop
 from fraexp.measurement.measured_points import PLAY_COLUMN, MeasuredPoint, MeasurementFiles
 from fraexp.measurement.measured_study import record_section, record_study
@@ -26,8 +26,8 @@ from fraexp.measurement.watched_machine import connect_watched, drive_note
 from fraexp.records.study_writer import renew_study
 from fraexp.simulation.motion_limits import MotionLimits
 from fraexp.study.resolution import Resolver
-from fraexp.study.study_file import describe_study, find_studies, outline
-from fraexp.workspace.measurement_service import kept_text, results_at
+from fraexp.study.study_file import describe_study, find_study, outline
+from fraexp.workspace.measurement_service import kept_text, missing_consents, results_at
 from fraexp.workspace.workspace_service import WorkspaceService
 
 ESTIMATOR = "dictionary_identification"
@@ -92,10 +92,7 @@ class AutonomousService:
     ) -> None:
         """Read a study; `is_trusted` allows its machine to run programs and to reach controllers without a question."""
         self._is_trusted = is_trusted
-        found = find_studies(study, service.folder)
-        if len(found) != 1:
-            raise StudyError(f"{study}: it is a folder of {len(found)} studies; measure one at a time")
-        (self._name, self._file), self._service = found[0], service
+        (self._name, self._file), self._service = find_study(study, service.folder), service
         cases, grid = outline(self._file, service.folder, overrides)
         if len(cases) > 1 or grid:
             raise StudyError(f"{self._file}: an autonomous measurement has one machine; leave out cases and grid")
@@ -107,7 +104,7 @@ class AutonomousService:
             raise StudyError(f"{self._file}, [loop]: lacks sample_time")
         self._sections = {**self._sections, **Resolver(self._file, service.registry).machine(cases[0], str(self._file))}
         self.settings = self._parsed_settings()
-        self.is_rotary = bool(self._sections["loop"].get("rotary", False))
+        self.is_rotary = is_rotary(self._sections)
         self.limits = MotionLimits.parse(self._sections["limits"], "limits", rotary=self.is_rotary)
         stem = f"{self._name.replace('/', '-')}-autonomous"
         self.files = MeasurementFiles(service.folder / "measurements", stem)
@@ -119,8 +116,7 @@ class AutonomousService:
     @property
     def missing_consents(self) -> list[Consent]:
         """What its user has to allow before it can be measured."""
-        consent = missing_consent(self.settings.machine, self._service.folder)
-        return [] if consent is None or self._is_trusted else [consent]
+        return [] if self._is_trusted else missing_consents([self.settings], self._service.folder)
 
     @property
     def is_good(self) -> bool:
@@ -164,7 +160,7 @@ class AutonomousService:
 
     def _parsed_settings(self) -> MeasurementSettings:
         registry, sections = self._service.registry, self._sections
-        rotary = bool(sections["loop"].get("rotary", False))
+        rotary = is_rotary(sections)
         try:
             filled = registry.fill_inherited(MeasurementSettings, sections["measurement"], sections)
             return MeasurementSettings.parse(filled, "measurement", rotary=rotary)

@@ -1,6 +1,6 @@
 """Measurements of a workspace: planned, played on a machine, and analysed by an ordinary study of the record."""
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +8,7 @@ from typing import Any
 
 from fraexp import records
 from fraexp.components.kinds import Estimator
+from fraexp.components.measurement_settings import MeasurementSettings
 from fraexp.components.registry import Registry, create
 from fraexp.data.results import Result
 from fraexp.data.rotary_axes import is_rotary, rotary_text
@@ -53,11 +54,8 @@ class MeasurementService:
         `is_trusted` allows its machine to run programs and to reach controllers without a question.
         """
         self._report, self._is_trusted = report, is_trusted
-        found = service.studies([study], overrides)
-        if len(found) != 1:
-            raise StudyError(f"{study}: it is a folder of {len(found)} studies; measure one at a time")
         self._service, self._folder = service, service.folder
-        self.tasks = measurement_tasks(found[0], service.folder, service.registry, overrides)
+        self.tasks = measurement_tasks(service.study(study, overrides), service.folder, service.registry, overrides)
         self.path = service.folder / "studies" / f"{self.tasks[0].stem}-measured.toml"
         """The study that analyses the record; once it is written, its own file beside one that was edited."""
 
@@ -99,9 +97,8 @@ class MeasurementService:
     @property
     def missing_consents(self) -> list[Consent]:
         """What its user has to allow before it can be measured."""
-        machines = [task.settings.machine for task in self.tasks if task.settings and not self._is_trusted]
-        found = [missing_consent(machine, self._folder) for machine in machines]
-        return list(dict.fromkeys(consent for consent in found if consent is not None))
+        settings = [task.settings for task in self.tasks if task.settings and not self._is_trusted]
+        return missing_consents(settings, self._folder)
 
     def check(self) -> None:
         """Raise StudyError if the study names no machine, or if that of the record would replace another one."""
@@ -171,6 +168,12 @@ class MeasurementService:
         sections = [record_section(files.samples, files.points(), self.path.parent, task) for task, files in measured]
         data = record_study([task for task, _ in measured], sections, f"{self.tasks[0].title}, measured")
         self.path = renew_study(self.path, data)
+
+
+def missing_consents(settings: Iterable[MeasurementSettings], folder: Path) -> list[Consent]:
+    """Return what a user has to allow before machines can be measured, each once."""
+    found = (missing_consent(of.machine, folder) for of in settings)
+    return list(dict.fromkeys(consent for consent in found if consent is not None))
 
 
 def kept_text(edited: Path, written: Path) -> str:

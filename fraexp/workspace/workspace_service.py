@@ -22,7 +22,7 @@ from fraexp.reports.published_comparisons import run_title
 from fraexp.reports.stored_figures import StoredFigures
 from fraexp.store import RunSummary, Store, StoredSweep
 from fraexp.study.catalogue import StudyEntry, catalogue
-from fraexp.study.study_file import ResolvedStudy, find_studies, load, outline, read, resolve
+from fraexp.study.study_file import ResolvedStudy, find_studies, find_study, load, outline, read, resolve
 from fraexp.workspace import fit_specs
 from fraexp.workspace.workspace_folder import WorkspaceFolder
 
@@ -44,6 +44,10 @@ class WorkspaceService(WorkspaceFolder):
         """Return the studies of these names, files or folders, resolved; overrides apply to all."""
         found = [pair for name in names for pair in find_studies(name, self.folder)]
         return [load(name, file, self.folder, self.registry, overrides) for name, file in found]
+
+    def study(self, name: str, overrides: Sequence[str] = ()) -> ResolvedStudy:
+        """Return one study by name or file, resolved; StudyError for a folder of several."""
+        return load(*find_study(name, self.folder), self.folder, self.registry, overrides)
 
     def run(
         self,
@@ -197,7 +201,7 @@ class WorkspaceService(WorkspaceFolder):
         self, study: str, overrides: Sequence[str] = ()
     ) -> tuple[list[dict[str, object]], dict[str, list[object]]]:
         """Return the sections of each case of a study as written, and the axes of its grid; nothing is resolved."""
-        ((_, file),) = find_studies(study, self.folder)[:1]
+        _, file = find_study(study, self.folder)
         return outline(file, self.folder, overrides)
 
     def launch(

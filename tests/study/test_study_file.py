@@ -171,6 +171,7 @@ def test_another_component_is_laid_over_nothing(registry, tmp_path):
         (HEAD.replace("= 12", "= nan"), "amplitude"),
         (HEAD.replace("= 12", '= "12 mm"'), "amplitude: 'mm' is not a unit of the same kind as 'N'"),
         (HEAD.replace("= 12", "= true"), "amplitude is true; expected a number"),
+        (HEAD.replace("amplitude = 12", "points = 1e9"), "points is 1000000000; the number of frequencies"),
         (HEAD.replace("stepped_sine", "steped_sine"), "no excitation is called 'steped_sine'; did you mean"),
         (HEAD.replace("linear_motor_table", "linear_motor"), "there is no machine 'linear_motor'; did you mean"),
         (HEAD + "[loop]\ninput_time_constants = [0.0]", "lag"),
