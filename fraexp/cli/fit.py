@@ -9,6 +9,7 @@ from fraexp.cli.follow import RunEvents, follow, print_outcome
 from fraexp.cli.output import print_path, say
 from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number
 from fraexp.components.kinds import Controller, Excitation, Plant
+from fraexp.components.registry import Registry
 from fraexp.errors import FraexpError
 from fraexp.store import StoredSweep, leave_out_damaged
 from fraexp.views.fields import toml_value
@@ -62,15 +63,13 @@ def _follow_fit(arguments: Namespace, kind: str, workspace: WorkspaceService) ->
         raise FraexpError(f"{command}: found no frequency response; expected a run or sweeps that have one")
     name = f"{names.pop() if len(names) == 1 else with_response[0].key[4:12]}-{command}"
     fitting = fit_estimator(workspace.registry, arguments.estimator, kind)
-    _report_inherited(with_response, fitting, arguments, workspace)
+    report_inherited(with_response, fitting, arguments.overrides, workspace.registry)
     return follow(workspace.fit(with_response, name, arguments.overrides, fitting, kind))
 
 
-def _report_inherited(
-    sweeps: Sequence[StoredSweep], fitting: str, arguments: Namespace, workspace: WorkspaceService
-) -> None:
+def report_inherited(sweeps: Sequence[StoredSweep], fitting: str, overrides: Sequence[str], registry: Registry) -> None:
     """Report which settings are inherited from the fits of the studies."""
-    kept = [inherited_fit_settings(sweep, fitting, arguments.overrides, workspace.registry) for sweep in sweeps]
+    kept = [inherited_fit_settings(sweep, fitting, overrides, registry) for sweep in sweeps]
     texts = {", ".join(f"{name}={toml_value(value)}" for name, value in each.items()): each for each in kept if each}
     for text, each in texts.items():
         say(f"settings of the study's own fit are kept: {text}; reset one by --set {next(iter(each))}=")

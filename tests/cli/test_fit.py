@@ -11,9 +11,12 @@ from scipy.io import loadmat
 from scipy.signal import freqs
 
 from fraexp.cli.exits import ExitCode
+from fraexp.cli.fit import report_inherited
 from fraexp.cli.main import main
 from fraexp.components.registry import Registry
-from fraexp.store import Store
+from fraexp.data.results import Outcome
+from fraexp.store import Store, StoredSweep
+from fraexp.workspace.fit_specs import fit_estimator
 from tests.examples import thorough
 
 STUDY = """
@@ -122,3 +125,13 @@ def test_a_wrong_wish_is_one_line(
     assert main(["fit", *arguments]) in (ExitCode.USAGE, ExitCode.STORE)
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert complaint in said
+
+
+def test_settings_that_are_kept_are_written_as_in_a_study(
+    registry: Registry, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = fit_estimator(registry, kind="controller")
+    spec = {"name": name, "method": {"name": "conventional"}, "integral_action": False}
+    sweep = StoredSweep("fx2-0123456789", {}, spec, {}, Outcome.OK, "", 0.0, None, "computed")
+    report_inherited([sweep], name, [], registry)
+    assert "are kept: integral_action=false; reset one by --set integral_action=" in capsys.readouterr().err
