@@ -10,9 +10,9 @@ from fraexp.cli.output import print_path, say
 from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number
 from fraexp.components.kinds import Controller, Excitation, Plant
 from fraexp.components.registry import Registry
+from fraexp.data import toml
 from fraexp.errors import FraexpError
 from fraexp.store import StoredSweep, leave_out_damaged
-from fraexp.views.fields import toml_value
 from fraexp.workspace.fit_specs import fit_estimator, inherited_fit_settings, write_designed_study
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -70,6 +70,6 @@ def _follow_fit(arguments: Namespace, kind: str, workspace: WorkspaceService) ->
 def report_inherited(sweeps: Sequence[StoredSweep], fitting: str, overrides: Sequence[str], registry: Registry) -> None:
     """Report which settings are inherited from the fits of the studies."""
     kept = [inherited_fit_settings(sweep, fitting, overrides, registry) for sweep in sweeps]
-    texts = {", ".join(f"{name}={toml_value(value)}" for name, value in each.items()): each for each in kept if each}
+    texts = {", ".join(f"{name}={toml.dumps(value)}" for name, value in each.items()): each for each in kept if each}
     for text, each in texts.items():
         say(f"settings of the study's own fit are kept: {text}; reset one by --set {next(iter(each))}=")

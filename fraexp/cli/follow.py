@@ -3,7 +3,7 @@
 from argparse import Namespace
 from collections import Counter
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -99,34 +99,47 @@ class RunEvents:
     ended: list[Ended] = field(default_factory=list)
     computed: Counter[int] = field(default_factory=Counter)
     """Number of sweeps that each run has computed and stored."""
-    failed: int = 0
     reasons: Counter[str] = field(default_factory=Counter)
     """Number of failures of the present run by reason."""
     interrupted: bool = False
 
 
-def follow(events: Generator[Event, None, None]) -> RunEvents:
-    """Show events as they come; Ctrl-C ends the run, and finished sweeps are kept."""
+def follow(events: Generator[Event, None, None], is_shown: bool = True) -> RunEvents:
+    """Show events as they come, or only take them; Ctrl-C ends the run, and finished sweeps are kept."""
     followed = RunEvents()
     try:
-        with Meter() as meter, closing(events):
+        with Meter() if is_shown else nullcontext() as meter, closing(events):
             for event in events:
-                _handle_event(event, followed, meter)
+                _take_event(event, followed)
+                if meter:
+                    _show_event(event, followed, meter)
     except KeyboardInterrupt:
         followed.interrupted = True
     return followed
 
 
-def _handle_event(event: Event, followed: RunEvents, meter: Meter) -> None:
+def _take_event(event: Event, followed: RunEvents) -> None:
     match event:
         case Planned():
             followed.planned.append(event)
+        case Begun():
+            followed.begun.append(event.run)
+        case Finished():
+            followed.computed[followed.begun[-1]] += event.state == "computed"
+            if event.error:
+                followed.reasons[event.error] += 1
+        case Ended():
+            followed.ended.append(event)
+
+
+def _show_event(event: Event, followed: RunEvents, meter: Meter) -> None:
+    match event:
+        case Planned():
             meter.begin(event.reused)
             say(_plan_text(event))
             for line in why_lines(event):
                 say(printable(line))
         case Begun():
-            followed.begun.append(event.run)
             announce_begin(event.run)
         case Preparing():
             meter.note(event.what)
@@ -136,15 +149,10 @@ def _handle_event(event: Event, followed: RunEvents, meter: Meter) -> None:
             meter.move(event.done, event.total, event.running, event.doing, event.time)
         case Finished():
             meter.finish()
-            if event.state == "computed":
-                followed.computed[followed.begun[-1]] += 1
             if event.error:
-                followed.failed += 1
-                followed.reasons[event.error] += 1
                 _report_failure(event, followed.reasons)
         case Ended():
             _report_repeated(followed.reasons)
-            followed.ended.append(event)
 
 
 def _report_repeated(reasons: Counter[str]) -> None:

@@ -1,7 +1,9 @@
 """TOML from strangers: what would take much time or memory, or nest without end, is refused as what is no TOML is."""
 
+import json
 import re
 import tomllib
+from collections.abc import Mapping
 from typing import Any
 
 MAX_CHARACTERS = 4_000_000
@@ -11,6 +13,7 @@ MAX_DEPTH = 32
 MAX_INTEGER = 2**64
 """Whole numbers are smaller than this: formats and databases to come must hold them."""
 PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 LONG_NAME = re.compile(rf"(?<![\w-]){PART}(?:[ \t]*+\.[ \t]*+{PART}){{{MAX_DEPTH}}}")
 """The parser's time rises with the square of a name's parts."""
 
@@ -32,6 +35,25 @@ def loads(text: str) -> dict[str, Any]:
 def value(text: str) -> Any:
     """Return the value that a text says as the right side of a TOML line; ValueError if it says none."""
     return loads(f"value = {text}")["value"]
+
+
+def dumps(data: Any) -> str:
+    """Return plain data as the right side of a TOML line; a table leaves out what is None."""
+    match data:
+        case Mapping():
+            items = [f"{_key(key)} = {dumps(item)}" for key, item in data.items() if item is not None]
+            return f"{{ {', '.join(items)} }}" if items else "{}"
+        case list() | tuple():
+            return f"[{', '.join(map(dumps, data))}]"
+        case bool():
+            return str(data).lower()
+        case str():
+            return json.dumps(data, ensure_ascii=False)  # a TOML text in double quotes has JSON's escapes
+    return repr(data)
+
+
+def _key(name: str) -> str:
+    return name if BARE_KEY.fullmatch(name) else json.dumps(name, ensure_ascii=False)
 
 
 def as_text(data: Any) -> str:

@@ -1,14 +1,14 @@
 """Progress of runs and of single computations, in a notebook's cell or on standard error."""
 
 from collections.abc import Callable, Generator, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from functools import cache
 
-from fraexp.cli.follow import RunEvents, follow
+from fraexp.cli.follow import follow
 from fraexp.cli.progress import Meter
 from fraexp.components.first_trial import friction_specs
 from fraexp.data.sweep import Plain
-from fraexp.execution.events import Begun, Ended, Event
+from fraexp.execution.events import Ended, Event
 from fraexp.interface.callable_law import compiler_errors_as_ours
 from fraexp.kernels.announcement import compilation_listener
 
@@ -18,7 +18,7 @@ def follow_run(events: Generator[Event, None, None], is_shown: bool) -> Ended:
 
     KeyboardInterrupt, after the run was stopped and its finished sweeps were stored, for an interrupt.
     """
-    followed = follow(events) if is_shown else _follow_silently(events)
+    followed = follow(events, is_shown)
     run = followed.begun[-1] if followed.begun else None
     if followed.interrupted:
         raise KeyboardInterrupt(
@@ -27,20 +27,6 @@ def follow_run(events: Generator[Event, None, None], is_shown: bool) -> Ended:
             else "the run had not begun"
         )
     return followed.ended[-1] if followed.ended else Ended(run, "interrupted")
-
-
-def _follow_silently(events: Generator[Event, None, None]) -> RunEvents:
-    followed = RunEvents()
-    try:
-        with closing(events):
-            for event in events:
-                if isinstance(event, Begun):
-                    followed.begun.append(event.run)
-                elif isinstance(event, Ended):
-                    followed.ended.append(event)
-    except KeyboardInterrupt:
-        followed.interrupted = True
-    return followed
 
 
 @contextmanager

@@ -13,7 +13,6 @@ from fraexp.components.registry import Registry
 from fraexp.data import toml
 from fraexp.errors import FraexpError
 from fraexp.views.components import parameter_document
-from fraexp.views.fields import toml_value
 
 EXAMPLE_PRESET = "linear_motor_table"
 """Preset of the example machine, which is preferred where a component has it."""
@@ -38,7 +37,7 @@ class ParameterEntry:
         unit = "" if document["unit"] in ("", "1") else f"[{document['unit']}]"
         default = document["default"]
         known = (
-            "required" if document["required"] else "" if default in (None, []) else f"default {toml_value(default)}"
+            "required" if document["required"] else "" if default in (None, []) else f"default {toml.dumps(default)}"
         )
         few = [choice for choice in self.choices if choice not in document["meaning"]]
         listed = f"one of {', '.join(few)}" if few else ""
@@ -151,7 +150,7 @@ def entry_text(value: object) -> str:
         return ""
     if isinstance(value, float):
         return f"{value:.10g}"
-    return value if isinstance(value, str) else toml_value(value)
+    return value if isinstance(value, str) else toml.dumps(value)
 
 
 def apply_texts(base: Mapping[str, object], texts: Mapping[str, str]) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """Names and values of a run, a sweep and a fit."""
 
-import json
 import math
 import time
 from collections import Counter
@@ -125,12 +124,3 @@ def drawn_labels(labels: Mapping[str, object]) -> dict[str, str]:
     """Return a remark for each parameter that was drawn at random, by path: it is not what the study says."""
     drawn = list(labels)[len(nominal_labels(labels)) + 1 :]
     return dict.fromkeys(drawn, f"  (drawn: draw {labels.get(DRAW)})")
-
-
-def toml_value(value: object) -> str:
-    """Return a value as a study writes it."""
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {toml_value(item)}" for key, item in value.items() if item is not None) + " }"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(toml_value(item) for item in value) + "]"
-    return json.dumps(value, ensure_ascii=False)

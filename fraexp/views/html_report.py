@@ -69,6 +69,39 @@ class RunChapter:
     methods: Sequence[Method]
     """The estimators that it used."""
 
+    @property
+    def title(self) -> str:
+        """What is shown."""
+        return run_title(self.run.study, self.study.title, self.run.command)
+
+    @property
+    def verdict(self) -> str:
+        """What the run has shown, in words."""
+        return verdict_text(self.run, self.sweeps, self.compared)
+
+    @property
+    def published(self) -> ReportTable | None:
+        """Its published numbers."""
+        return published_table(self.compared)
+
+    @property
+    def pictures(self) -> list[str]:
+        """PNG files of the figures in base64."""
+        return [b64encode(path.read_bytes()).decode("ascii") for path in self.figures]
+
+    @property
+    def omitted(self) -> int:
+        """Number of sweeps that are not shown."""
+        return max(len(self.sweeps) - MAX_SWEEPS, 0)
+
+    @property
+    def times(self) -> dict[str, str]:
+        """Start, duration [s], empty while it is unknown, and computing time of all sweeps [s]."""
+        run = self.run
+        took = f"{(run.ended - run.started).total_seconds():.2g}" if run.ended else ""
+        computing = f"{sum(sweep.elapsed for sweep in self.sweeps):.2g}"
+        return {"started": f"{run.started:%Y-%m-%d %H:%M}", "took": took, "computing": computing}
+
 
 def report_runs(
     workspace: WorkspaceService, store: Store, runs: Sequence[int], path: Path, title: str
@@ -176,21 +209,18 @@ def render_report(title: str, chapters: Sequence[RunChapter]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    anchors = [f"run-{number}" for number in range(1, len(chapters) + 1)]
     runs = [chapter.run for chapter in chapters]
     compared = [one for chapter in chapters for one in chapter.compared]
-    hrefs = {run.number: f"#{anchor}" for run, anchor in zip(runs, anchors, strict=True)}
-    links = [Cell(of.run.study, hrefs[of.run.number]) for of in chapters for _ in of.compared]
-    rendered = [_RenderedChapter.of(anchor, chapter) for anchor, chapter in zip(anchors, chapters, strict=True)]
+    links = [Cell(of.run.study, f"#run-{at}") for at, of in enumerate(chapters, start=1) for _ in of.compared]
     return environment.get_template(TEMPLATE).render(
         generator=GENERATOR,
-        title=title or ", ".join(chapter.title for chapter in rendered),
+        title=title or ", ".join(chapter.title for chapter in chapters),
         date=_date(runs),
         about=_about(runs),
         summary=_tables_by_origin(compared, links),
         methods=list(dict.fromkeys(method for chapter in chapters for method in chapter.methods)),
         verdict=verdict(compared),
-        chapters=rendered,
+        chapters=chapters,
         packages=_packages(runs),
     )
 
@@ -210,55 +240,6 @@ def _tables_by_origin(compared: Sequence[PublishedComparison], links: Sequence[C
 def _one_line(value: object) -> str:
     """Return a value as text in one line without control characters: names come from other people's files."""
     return printable(" ".join(str(value).split()))
-
-
-@dataclass(frozen=True)
-class _RenderedChapter:
-    """A chapter as the template reads it."""
-
-    anchor: str
-    run: RunSummary
-    title: str
-    """What is shown."""
-    verdict: str
-    """What the run has shown, in words."""
-    study: ResolvedStudy
-    notes: Sequence[str]
-    figures: Sequence[str]
-    """PNG files in base64."""
-    published: ReportTable | None
-    sweeps: ReportTable | None
-    inputs: ReportTable | None
-    omitted: int
-    """Sweeps that are not shown."""
-    started: str
-    took: str
-    """Duration [s]; empty while it is unknown."""
-    computing: str
-    """Computing time of all sweeps [s]."""
-    command: str
-
-    @classmethod
-    def of(cls, anchor: str, chapter: RunChapter) -> "_RenderedChapter":
-        """Return a chapter with its tables."""
-        run = chapter.run
-        return cls(
-            anchor,
-            run,
-            run_title(run.study, chapter.study.title, run.command),
-            verdict_text(run, chapter.sweeps, chapter.compared),
-            chapter.study,
-            chapter.notes,
-            figures=[b64encode(path.read_bytes()).decode("ascii") for path in chapter.figures],
-            published=published_table(chapter.compared),
-            sweeps=chapter.table,
-            inputs=chapter.inputs,
-            omitted=max(len(chapter.sweeps) - MAX_SWEEPS, 0),
-            started=f"{run.started:%Y-%m-%d %H:%M}",
-            took=f"{(run.ended - run.started).total_seconds():.2g}" if run.ended else "",
-            computing=f"{sum(sweep.elapsed for sweep in chapter.sweeps):.2g}",
-            command=chapter.command,
-        )
 
 
 def _about(runs: Sequence[RunSummary]) -> str:

@@ -14,9 +14,9 @@ from fraexp.components.kinds import FrictionModel
 from fraexp.components.law_step import overdue_text
 from fraexp.components.parameters import Parameters, param
 from fraexp.components.registry import Registry, reason_of
+from fraexp.data import toml
 from fraexp.errors import FraexpError, PluginError
 from fraexp.kernels.watchdog import LAW_TIME_LIMIT_S, OverdueError, time_limit
-from fraexp.views.fields import toml_value
 
 Answer = TypeVar("Answer")
 TRIAL_STUDY = "friction/hysteresis"
@@ -69,7 +69,7 @@ class ForceLoop:
 def trial_overrides(spec: Mapping[str, object], sine: SineMotion) -> list[str]:
     """Return the ``--set`` values with which `TRIAL_STUDY` computes the same loop."""
     return [
-        f"friction={toml_value(spec)}",
+        f"friction={toml.dumps(spec)}",
         f"excitation.amplitude={sine.amplitude:.12g}",
         f"excitation.frequency={sine.frequency:.12g}",
     ]

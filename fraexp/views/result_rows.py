@@ -3,10 +3,10 @@
 import numpy as np
 
 from fraexp.analysis.confidence import interval_factor
+from fraexp.data import toml
 from fraexp.data.results import Curve, Fit, Result
 from fraexp.data.units import with_powers
 from fraexp.figures.elements.scales import column_unit
-from fraexp.views.fields import toml_value
 from fraexp.views.words import number_text, with_unit
 
 FIT_COLUMNS = ["parameter", "value", "± 95 %", "unit"]
@@ -38,7 +38,7 @@ def fit_rows(fit: Fit) -> list[list[str]]:
 def fit_section(fit: Fit) -> list[str]:
     """Return the section of a study that uses the identified parameters."""
     values = fit.component.items()
-    told = [f"{name} = {toml_value(value)}" for name, value in values if name != "version" and value is not None]
+    told = [f"{name} = {toml.dumps(value)}" for name, value in values if name != "version" and value is not None]
     return [f"[{fit.kind}]", *told]
 
 

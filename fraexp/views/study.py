@@ -3,12 +3,13 @@
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
+from fraexp.data import toml
 from fraexp.errors import FraexpError, StoreError
 from fraexp.execution.events import UNKNOWN_TIME, Planned, TimeLeft
 from fraexp.store import RunSummary
 from fraexp.study.catalogue import FIRST_STUDY, StudyEntry
 from fraexp.study.sections import SECTIONS, is_for_autonomous
-from fraexp.views.fields import run_duration_text, run_state_text, toml_value
+from fraexp.views.fields import run_duration_text, run_state_text
 from fraexp.views.run_progress import counts_text, time_text
 from fraexp.views.words import plural, timestamp_text
 from fraexp.workspace.workspace_service import WorkspaceService
@@ -172,8 +173,8 @@ def axis_text(values: object) -> str:
 def section_text(value: object) -> str:
     """Return a section in short: the name of the component, then its settings."""
     if not isinstance(value, Mapping):
-        return toml_value(value) if not isinstance(value, str) else value
-    rest = ", ".join(f"{key} = {toml_value(item)}" for key, item in value.items() if key != "name")
+        return toml.dumps(value) if not isinstance(value, str) else value
+    rest = ", ".join(f"{key} = {toml.dumps(item)}" for key, item in value.items() if key != "name")
     name = str(value.get("name", ""))
     return f"{name} ({rest})" if name and rest else name or rest
 

@@ -3,11 +3,10 @@
 import platform
 import shlex
 from collections.abc import Generator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
-from typing import Any
 
 from fraexp.components.kinds import Plant
 from fraexp.data.results import Result
@@ -66,12 +65,12 @@ class WorkspaceService(WorkspaceFolder):
         worker_count(executor or "processes")
         limits = limits or ResourceLimits()
         limits.check(executor)
-        resolved = self.studies(names := list(studies), overrides)
+        resolved = self.studies(studies, overrides)
         if dry_run:
-            yield from self._plan_events(resolved, rerun, executor=executor, limits=limits)
+            for planned in self.plan_resolved(resolved, rerun, executor, limits, explain=True):
+                yield from (planned, Ended(None, "dry"))
             return
-        command = shlex.join(["fraexp", "run", *names, *(f"--set={text}" for text in overrides)])
-        yield from self.run_resolved(resolved, command, executor, rerun, limits)
+        yield from self.run_resolved(resolved, self.command(studies, overrides), executor, rerun, limits)
 
     def run_resolved(
         self,
@@ -187,15 +186,16 @@ class WorkspaceService(WorkspaceFolder):
         return resolved, self.plan_resolved(resolved, rerun, executor)
 
     def plan_resolved(
-        self, studies: Sequence[ResolvedStudy], rerun: str | None = None, executor: str | None = None
+        self,
+        studies: Sequence[ResolvedStudy],
+        rerun: str | None = None,
+        executor: str | None = None,
+        limits: ResourceLimits | None = None,
+        explain: bool = False,
     ) -> list[Planned]:
         """Return the plans of running studies that are resolved already; nothing is written."""
-        store = self.open_store() if self.has_database() else None
-        try:
-            return [scheduler.plan(of, store, self.registry, rerun, executor=executor)[1] for of in studies]
-        finally:
-            if store:
-                store.close()
+        with self.open_store() if self.has_database() else nullcontext() as store:
+            return [scheduler.plan(of, store, self.registry, rerun, explain, executor, limits)[1] for of in studies]
 
     def outline(
         self, study: str, overrides: Sequence[str] = ()
@@ -250,15 +250,6 @@ class WorkspaceService(WorkspaceFolder):
         if run.process.host != platform.node():
             raise StudyError(f"run {run.number} runs on {run.process.host}; stop it there")
         background.stop(run.process.pid, kill)
-
-    def _plan_events(
-        self, studies: Sequence[ResolvedStudy], rerun: str | None, **how: Any
-    ) -> Generator[Event, None, None]:
-        store = self.open_store() if self.has_database() else None
-        for study in studies:
-            yield from (scheduler.plan(study, store, self.registry, rerun, True, **how)[1], Ended(None, "dry"))
-        if store:
-            store.close()
 
     def _draw_ended(
         self, ended: Ended, study: ResolvedStudy, store: Store, retry: DatabaseRetry

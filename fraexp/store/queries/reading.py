@@ -2,7 +2,6 @@
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
 from datetime import datetime
 
 from sqlalchemy import Connection, RowMapping, and_, false, func, or_, select
@@ -53,23 +52,6 @@ MAX_COLUMN_INTEGER = 2**31 - 1
 """Largest integer that a column can store."""
 
 
-@dataclass
-class _RunRows:
-    """The rows of a run, counted by state, and the sum of their digests."""
-
-    counts: dict[str, int] = field(default_factory=dict)
-    digests: int = 0
-    unusable: int = 0
-
-    @property
-    def total(self) -> int:
-        return sum(self.counts.values())
-
-    def add(self, state: str, count: int, digests: int) -> None:
-        self.counts[state] = count
-        self.digests += digests
-
-
 def read_runs(connection: Connection, number: int | None = None) -> list[RunSummary]:
     """Return all runs, newest first, or the run with a number."""
     counting = select(run_sweep.c.run, run_sweep.c.state, func.count(), sum_of_digests())
@@ -77,21 +59,31 @@ def read_runs(connection: Connection, number: int | None = None) -> list[RunSumm
     numbering = select(run.c.number)
     if number is not None:
         counting, numbering = counting.where(run_sweep.c.run == number), numbering.where(run.c.number == number)
-    rows: dict[int, _RunRows] = defaultdict(_RunRows)
-    for of, state, count, digests in connection.execute(counting):
-        rows[of].add(state, count, int(digests))
-    for row in connection.execute(_unusable_query(number)):
-        rows[row.run].unusable = row.unusable
+    counts: dict[int, Counter[str]] = defaultdict(Counter)
+    digests: Counter[int] = Counter()
+    for of, state, count, total in connection.execute(counting):
+        counts[of][state] += count
+        digests[of] += int(total)
+    unusable = {row.run: row.unusable for row in connection.execute(_unusable_query(number))}
     time_now, host = now(connection), host_of(connection)
+
+    def summarise(row: RowMapping) -> RunSummary:
+        of = row["number"]
+        is_complete = (counts[of].total(), digests[of]) == (row["sweeps"], row["sweep_digests"])
+        is_sound = is_complete and run_digest(row) == row["digest"] and set(counts[of]) <= set(STATES)
+        if not is_sound or row["state"] not in RUN_STATES:
+            return _damaged_run(of, counts[of].total(), time_now)
+        return _run_summary(row, counts[of], unusable.get(of, 0), time_now, host)
+
     found = read_tolerantly(
         lambda chunk: {
-            row["number"]: _run_summary(row, rows[row["number"]], time_now, host)
+            row["number"]: summarise(row)
             for row in connection.execute(select(run).where(run.c.number.in_(chunk))).mappings()
         },
         connection.scalars(numbering),
     )
-    lost = [of for of in rows if of not in found]
-    found |= {of: _damaged_run(of, rows[of].total, time_now) for of in lost}
+    lost = [of for of in counts if of not in found]
+    found |= {of: _damaged_run(of, counts[of].total(), time_now) for of in lost}
     return [found[of] for of in sorted(found, reverse=True)]
 
 
@@ -300,28 +292,22 @@ def _stored_sweep(
     )
 
 
-def _run_summary(row: RowMapping, rows: _RunRows, time_now: datetime, host: Host) -> RunSummary:
-    is_complete = (rows.total, rows.digests) == (row["sweeps"], row["sweep_digests"])
-    is_sound = is_complete and run_digest(row) == row["digest"] and set(rows.counts) <= set(STATES)
-    if not is_sound or row["state"] not in RUN_STATES:
-        return _damaged_run(row["number"], rows.total, time_now)
+def _run_summary(row: RowMapping, counts: Counter[str], unusable: int, time_now: datetime, host: Host) -> RunSummary:
     process = check_types(Process(row["host"], row["boot"], row["pid"], row["process_start"]))
     silence = time_now - row["heartbeat"]
     dead = row["state"] == "running" and not host.is_alive(process, silence)
-    names = ("number", "study", "study_file", "command", "started", "ended", "provenance")
+    names = ("number", "study", "study_file", "command", "started", "ended", "heartbeat", "provenance", "deleted")
     values: RowValues = {name: row[name] for name in names}
     return check_types(
         RunSummary(
             **values,
             state="interrupted" if dead else row["state"],
-            total=rows.total,
-            computed=rows.counts.get("computed", 0),
-            reused=rows.counts.get("reused", 0),
-            failed=rows.counts.get("failed", 0),
-            unusable=rows.unusable,
-            deleted=row["deleted"],
+            total=counts.total(),
+            computed=counts["computed"],
+            reused=counts["reused"],
+            failed=counts["failed"],
+            unusable=unusable,
             process=process,
-            heartbeat=row["heartbeat"],
             silence=silence.total_seconds() if row["state"] == "running" and not dead else 0.0,
             progress=check_types(RunProgress(**row["progress"])) if row["progress"] else None,
         )
@@ -330,19 +316,14 @@ def _run_summary(row: RowMapping, rows: _RunRows, time_now: datetime, host: Host
 
 def _damaged_run(number: int, total: int, time_now: datetime) -> RunSummary:
     """Return what is shown instead of a damaged run."""
-    return RunSummary(
-        number=number,
-        study="",
-        study_file="",
-        command="",
-        started=time_now,
-        ended=time_now,
-        state=DAMAGED_RUN,
-        provenance={},
-        total=total,
-        computed=0,
-        reused=0,
-        failed=0,
-        process=Process("", "", 0, None),
-        heartbeat=time_now,
+    blank: RowValues = {
+        "study": "",
+        "study_file": "",
+        "command": "",
+        "provenance": {},
+        "process": Process("", "", 0, None),
+    }
+    blank |= dict.fromkeys(("computed", "reused", "failed"), 0) | dict.fromkeys(
+        ("started", "ended", "heartbeat"), time_now
     )
+    return RunSummary(number=number, state=DAMAGED_RUN, total=total, **blank)

@@ -34,8 +34,6 @@ INDEXES_CHECKED = "indexes checked"
 """What is noted of a connection whose indexes have all sweeps."""
 OLDEST = datetime(1, 1, 2, tzinfo=UTC)
 """Before all moments, in any time zone."""
-COUNT_FIRST_OFFSET = 10_000
-"""Offset from which it is faster to count the rows and to read a page from the nearer end."""
 
 
 def read_page(
@@ -55,22 +53,21 @@ def read_page(
     conditions = _filter_conditions(filter_text, names, number)
     query, by = _sorted_query(conditions, order, names, number)
     start, size = max(offset, 0), max(limit, 0)
-    count = _joined_query(select(func.count()), conditions, [], number)
-    if conditions and (order.removeprefix("-") != "created" or _has_search_word(filter_text)):
-        # The matching sweeps are found once, counted and sorted; sorting by an index would stop after the page.
+    if conditions:  # the matching sweeps are found once, counted and sorted
         found = query.add_columns(*(item.label(f"by{index}") for index, item in enumerate(by))).cte("found")
         by = [found.c[f"by{index}"] for index in range(len(by))]
         count = select(func.count()).select_from(found)
         cut = select(found.c.key, count.scalar_subquery()).order_by(*_order_clauses(by, order, found.c.key))
-    elif conditions and start < COUNT_FIRST_OFFSET:  # the conditions are evaluated once for rows and count
-        cut = query.add_columns(count.correlate(None).scalar_subquery()).order_by(*_order_clauses(by, order, SWEEP_KEY))
+        rows = connection.execute(cut.offset(start).limit(size)).all()
+        total = int((rows[0][1] if rows else connection.scalar(count)) or 0)
+        keys = [row[0] for row in rows]
     else:
-        total = int(connection.scalar(count) or 0)
+        total = int(connection.scalar(_joined_query(select(func.count()), [], [], number)) or 0)
         keys = _page_keys(connection, query, by, order, total, start, size)
-        return _checked_page(connection, keys, number, total, min(size, max(total - start, 0)))
-    rows = connection.execute(cut.offset(start).limit(size)).all()
-    total = int((rows[0][1] if rows else connection.scalar(count)) or 0)
-    return _checked_page(connection, [row[0] for row in rows], number, total, min(size, max(total - start, 0)))
+    expected = min(size, max(total - start, 0))
+    if len(keys) != expected or len(set(keys)) != expected:  # an index has lost or doubled some
+        raise _damaged_index_error()
+    return ListingPage(tuple(reading.read_listed(connection, keys, number)), total)
 
 
 def _check_indexes(connection: Connection) -> None:
@@ -96,15 +93,6 @@ def _check_indexes(connection: Connection) -> None:
 
 def _damaged_index_error() -> StoreError:
     return StoreError(f"the database is damaged (an index does not fit its table); {RESTORE_HINT}")
-
-
-def _checked_page(
-    connection: Connection, keys: list[str], number: int | None, total: int, expected: int
-) -> ListingPage:
-    """Return the page of these sweeps; StoreError if an index has lost or doubled some of the `expected` ones."""
-    if len(keys) != expected or len(set(keys)) != expected:
-        raise _damaged_index_error()
-    return ListingPage(tuple(reading.read_listed(connection, keys, number)), total)
 
 
 def _page_keys(
@@ -139,11 +127,6 @@ def field_names(connection: Connection) -> list[str]:
 def _filter_conditions(filter_text: str, names: KnownNames, number: int | None) -> list[ColumnElement[bool]]:
     now = datetime.now().astimezone()
     return [condition_sql(condition, names, now, number) for condition in parse_filter(filter_text)]
-
-
-def _has_search_word(filter_text: str) -> bool:
-    """Return whether a filter has a word that is searched everywhere, which takes time."""
-    return any(not condition.field for condition in parse_filter(filter_text))
 
 
 def _sorted_query(

@@ -9,13 +9,13 @@ from pydantic.fields import FieldInfo
 from fraexp.components.kinds import KINDS_BY_PORT, nested_kind
 from fraexp.components.parameters import Parameters, inherited_from
 from fraexp.components.registry import Registry
+from fraexp.data import toml
 from fraexp.data.rotary_axes import is_rotary, rotary_text, rotary_unit
 from fraexp.data.sweep import components_by_port
 from fraexp.study.paths import unit_at
 from fraexp.study.sections import COMPONENTS, GRID, SECTIONS, SETTINGS
 from fraexp.views.components import parameter_document
 from fraexp.views.entries import ParameterEntry, entry_text, parameter_group
-from fraexp.views.fields import toml_value
 
 PlainSection = Mapping[str, object]
 EXECUTOR_OPTION, RERUN_OPTION = "--executor", "--rerun"
@@ -182,7 +182,7 @@ def _axis_field(
 
     unit = leaf.unit or unit_at(sections, path, registry)
     hint = f"list of values; the grid combines those of all axes. {leaf.hint}".strip()
-    return replace(leaf, path=f"{GRID}{path}", text=toml_value(values), unit=unit, hint=hint, choices=(), instead="")
+    return replace(leaf, path=f"{GRID}{path}", text=toml.dumps(values), unit=unit, hint=hint, choices=(), instead="")
 
 
 def _random_fields(section: PlainSection) -> tuple[FormField, ...]:
