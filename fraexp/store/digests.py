@@ -200,14 +200,23 @@ def sum_of_digests() -> Expression:
 def seal_annotations(connection: Connection, keys: Iterable[str]) -> None:
     """Compute the digests of the tags and notes of sweeps anew."""
     for chunk in key_chunks(keys):
-        tags: dict[str, list[str]] = defaultdict(list)
-        for row in connection.execute(select(tag).where(tag.c.key.in_(chunk))):
-            tags[row.key].append(row.name)
-        notes = {row.key: row.text for row in connection.execute(select(note).where(note.c.key.in_(chunk)))}
+        tags, notes = read_annotations(connection, chunk)
         rows = [
             {"of": key, "annotations": annotations_digest(key, tags.get(key, ()), notes.get(key, ""))} for key in chunk
         ]
         connection.execute(update(sweep).where(sweep.c.key == bindparam("of")), rows)
+
+
+def read_annotations(connection: Connection, keys: Iterable[str]) -> tuple[dict[str, tuple[str, ...]], dict[str, str]]:
+    """Return the tags of each sweep that has any, in alphabetical order, and the note of each that has one."""
+    tags: dict[str, tuple[str, ...]] = defaultdict(tuple)
+    notes: dict[str, str] = {}
+    for chunk in key_chunks(keys):
+        tagged = select(tag.c.key, tag.c.name).where(tag.c.key.in_(chunk)).order_by(tag.c.name)
+        for key, name in connection.execute(tagged):
+            tags[key] += (name,)
+        notes |= {row.key: row.text for row in connection.execute(select(note).where(note.c.key.in_(chunk)))}
+    return dict(tags), notes
 
 
 def read_result_rows(

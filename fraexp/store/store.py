@@ -12,7 +12,7 @@ from sqlalchemy import Connection, Engine
 from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Plain, Sweep
 from fraexp.errors import StoreError, UnavailableError
-from fraexp.store import integrity
+from fraexp.store import digests, integrity
 from fraexp.store.backends import locate_database
 from fraexp.store.backends.engine import CONCURRENT, EXCLUSIVE, WRITE_MODE, Database
 from fraexp.store.changes import leases, merging, trash, writing
@@ -281,7 +281,7 @@ class Store:
     def note(self, key: str) -> str:
         """Return the note of a sweep; empty if it has none."""
         with self._reading() as connection:
-            return annotations.notes_of_sweeps(connection, [key]).get(key, "")
+            return digests.read_annotations(connection, [key])[1].get(key, "")
 
     def delete(self, keys: Iterable[str] = (), runs: Sequence[int] = ()) -> int:
         """Move sweeps, and runs with the sweeps that no other run has, to the trash; return the number of these sweeps.

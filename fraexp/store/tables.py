@@ -17,6 +17,7 @@ from sqlalchemy import (
     Connection,
     DateTime,
     Dialect,
+    Executable,
     Float,
     ForeignKey,
     ForeignKeyConstraint,
@@ -379,6 +380,11 @@ def is_one_of(column: Column[Any]) -> Expression:
     SQLAlchemy takes several times as long to build a statement as to execute it: those of a run are built once.
     """
     return column.in_(bindparam("keys", expanding=True))
+
+
+def scalars_of(connection: Connection, statement: Executable, keys: Iterable[Key], **values: object) -> set[Any]:
+    """Return the first column of a prepared statement for all of its `keys`, however many."""
+    return {found for chunk in key_chunks(keys) for found in connection.scalars(statement, {**values, "keys": chunk})}
 
 
 def key_chunks(keys: Iterable[Key]) -> Iterator[list[Key]]:

@@ -47,15 +47,14 @@ class Draw(Parameters):
         if (self.relative is None) == (getattr(self, amount) is None):
             raise ParameterError(f"expected either 'relative', a fraction, or '{amount}', an amount")
 
-    def variates(self, seed: int, count: int, stream: Sequence[str] = ()) -> NDArray[np.float64]:
+    def variates(self, seed: int, count: int) -> NDArray[np.float64]:
         """Return `count` numbers with a standard deviation, or half width, of 1, shape (count,).
 
         The stream belongs to the paths, so that entries do not change each other's numbers and a greater count goes on
-        where a smaller one ended; `stream` has the paths under the first names of their parameters, if these have
-        others now. Its bits are those that numpy promises to keep; the distribution is made from them here, as numpy
-        may change its own.
+        where a smaller one ended. Its bits are those that numpy promises to keep; the distribution is made from them
+        here, as numpy may change its own.
         """
-        name = blake2b("\n".join(sorted(stream or self.paths)).encode(), digest_size=8).digest()
+        name = blake2b("\n".join(sorted(self.paths)).encode(), digest_size=8).digest()
         bits = np.random.PCG64(np.random.SeedSequence([seed, int.from_bytes(name)])).random_raw(count)
         uniform = ((bits >> np.uint64(11)).astype(float) + 0.5) * 2.0**-53  # within 0…1, without either
         if self.distribution == "uniform":
@@ -110,7 +109,7 @@ class Draws:
         """Return the numbers that are drawn around those of an experiment's sections: by path, `count` of each."""
         found = {}
         for entry in self.entries:
-            variates = entry.variates(self.seed, self.count, entry.paths)
+            variates = entry.variates(self.seed, self.count)
             for path in entry.paths:
                 try:
                     found[path] = _sample_around(sections, path, entry, variates, registry)

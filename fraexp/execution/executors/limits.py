@@ -13,17 +13,8 @@ DEFAULT_DATABASE_TIMEOUT_S = 3600.0
 """Default time for which a run waits for a database that is unavailable: it outlasts restarts and short failures."""
 MIN_WORKER_MEMORY = 400 * 10**6
 """Least memory limit [bytes]: a worker that has loaded the compiler takes half of it before its first job."""
-BYTE_PREFIXES = {
-    None: 1,
-    "k": 10**3,
-    "M": 10**6,
-    "G": 10**9,
-    "T": 10**12,
-    "Ki": 2**10,
-    "Mi": 2**20,
-    "Gi": 2**30,
-    "Ti": 2**40,
-}
+BYTE_PREFIXES = " kMGT"
+"""Prefixes of bytes, each a thousand times the one before; with i 1024 times."""
 SECONDS_PER_UNIT = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0}
 
 
@@ -79,10 +70,10 @@ def parse_duration(text: str, what: str) -> float:
 
 
 def _parse_memory(text: str) -> int:
-    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)\s*([kMGT]i?)?B?", text.strip())
+    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)\s*([kMGT]?)(i?)B?", text.strip())
     if match is None:
         raise StudyError(f"memory cap '{text}': expected such as 2GB, 1.5GiB or 800MB")
-    size = round(float(match[1]) * BYTE_PREFIXES[match[2]])
+    size = round(float(match[1]) * (1024 if match[3] else 1000) ** BYTE_PREFIXES.index(match[2] or " "))
     if size < MIN_WORKER_MEMORY:
         raise StudyError(f"memory cap '{text}': a worker alone needs {size_text(MIN_WORKER_MEMORY)}; give it more")
     if not sys.platform.startswith("linux"):

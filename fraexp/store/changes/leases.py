@@ -10,7 +10,18 @@ from datetime import datetime, timedelta
 from sqlalchemy import Connection, bindparam, delete, func, select
 
 from fraexp.store.liveness import Host, Process, host_of, now
-from fraexp.store.tables import Query, ResultRow, insert_or_ignore, is_one_of, key_chunks, lease, run, run_sweep, sweep
+from fraexp.store.tables import (
+    Query,
+    ResultRow,
+    insert_or_ignore,
+    is_one_of,
+    key_chunks,
+    lease,
+    run,
+    run_sweep,
+    scalars_of,
+    sweep,
+)
 
 LEASE_DURATION = timedelta(seconds=60)
 """Time without a heartbeat after which the leases of a run are invalid."""
@@ -76,16 +87,12 @@ def find_holders(connection: Connection, keys: Iterable[str]) -> dict[str, int]:
 
 def held_sweeps(connection: Connection, number: int, keys: Iterable[str]) -> set[str]:
     """Return the sweeps whose lease a run holds: another run may have taken over those of a run that was silent."""
-    return {key for chunk in key_chunks(keys) for key in connection.scalars(HELD, {"number": number, "keys": chunk})}
+    return scalars_of(connection, HELD, keys, number=number)
 
 
 def finished_sweeps(connection: Connection, number: int, keys: Iterable[str], state: str) -> set[str]:
     """Return the sweeps that a run has stored already, in a transaction whose success it may not have learnt of."""
-    return {
-        key
-        for chunk in key_chunks(keys)
-        for key in connection.scalars(FINISHED, {"number": number, "state": state, "keys": chunk})
-    }
+    return scalars_of(connection, FINISHED, keys, number=number, state=state)
 
 
 def count_leases(connection: Connection) -> dict[int, int]:

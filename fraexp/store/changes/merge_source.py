@@ -3,7 +3,7 @@
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from sqlalchemy import Connection, RowMapping, func, select
 from sqlalchemy.exc import StatementError
@@ -12,8 +12,14 @@ from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.store import codec, shared_sections
 from fraexp.store.damage import is_damage, read_tolerantly
-from fraexp.store.digests import annotations_digest, listed_digest, origins_digest, read_result_rows, result_digest
-from fraexp.store.queries import annotations
+from fraexp.store.digests import (
+    annotations_digest,
+    listed_digest,
+    origins_digest,
+    read_annotations,
+    read_result_rows,
+    result_digest,
+)
 from fraexp.store.tables import (
     Query,
     RowValues,
@@ -117,31 +123,22 @@ def _fitting_lists(source: Transaction, keys: list[str]) -> list[list[str]]:
     return lists
 
 
-@dataclass(frozen=True)
-class _Beside:
-    """What belongs to sweeps, by key."""
-
-    rows: dict[str, Rows]
-    tags: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    notes: dict[str, str] = field(default_factory=dict)
-
-
 def _read_sweeps(connection: Connection, keys: list[str]) -> dict[str, SourceSweep]:
     found = connection.execute(select(sweep).where(sweep.c.key.in_(keys))).mappings().all()
     resolved = shared_sections.load_parts(connection, found)
-    beside = _Beside(
-        read_result_rows(connection, keys),
-        annotations.tags_of_sweeps(connection, keys),
-        annotations.notes_of_sweeps(connection, keys),
-    )
-    return {row["key"]: _source_sweep(row, resolved[row["key"]], beside) for row in found if row["key"] in resolved}
+    rows, (tags, notes) = read_result_rows(connection, keys), read_annotations(connection, keys)
+    return {
+        key: _source_sweep(row, resolved[key], rows[key], tags.get(key, ()), notes.get(key, ""))
+        for row in found
+        if (key := row["key"]) in resolved
+    }
 
 
-def _source_sweep(row: RowMapping, sections: tuple[RowValues, RowValues], beside: _Beside) -> SourceSweep:
-    key = row["key"]
-    rows, tags, note = beside.rows[key], beside.tags.get(key, ()), beside.notes.get(key, "")
+def _source_sweep(
+    row: RowMapping, sections: tuple[RowValues, RowValues], rows: Rows, tags: tuple[str, ...], note: str
+) -> SourceSweep:
     damage = list(_find_damage(row, rows))
-    if annotations_digest(key, tags, note) != row["annotations"]:
+    if annotations_digest(row["key"], tags, note) != row["annotations"]:
         damage.append("tags or note")
         tags, note = (), ""
     has_result = row["outcome"] is not None and not damage_of_result(damage)

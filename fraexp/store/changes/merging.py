@@ -17,6 +17,7 @@ from fraexp.store.diff import describe_differences
 from fraexp.store.digests import (
     ORIGIN_COLUMNS,
     new_run_sweep,
+    read_annotations,
     read_origin_rows,
     read_run_rows,
     run_digest,
@@ -25,7 +26,7 @@ from fraexp.store.digests import (
     seal_places,
     seal_run,
 )
-from fraexp.store.queries import annotations, reading, stored_results
+from fraexp.store.queries import reading, stored_results
 from fraexp.store.queries.filter_sql import STATES
 from fraexp.store.queries.reading import RUN_STATES
 from fraexp.store.stored_records import Conflict, MergeSummary
@@ -161,8 +162,7 @@ class _Merge:
     def _add_annotations(self, connection: Connection, sweeps_read: Mapping[str, SourceSweep]) -> None:
         """Add tags and notes; a note that differs is a conflict."""
         annotated = {key: of for key, of in sweeps_read.items() if of.tags or of.note}
-        tags = annotations.tags_of_sweeps(connection, annotated)
-        notes = annotations.notes_of_sweeps(connection, annotated)
+        tags, notes = read_annotations(connection, annotated)
         for key, there in annotated.items():
             if there.note and notes.get(key, there.note) != there.note:
                 self._add_conflict(key, ("note",), f'note: "{notes[key]}" here, "{there.note}" there')

@@ -18,9 +18,11 @@ from fraexp.store.tables import (
     SWEEP_TABLES,
     TRASH,
     Expression,
+    is_one_of,
     key_chunks,
     run,
     run_sweep,
+    scalars_of,
     sweep,
 )
 
@@ -41,11 +43,7 @@ def move_to_trash(connection: Connection, keys: Iterable[str], numbers: Sequence
     of_runs = list(connection.scalars(select(run_sweep.c.key).where(run_sweep.c.run.in_(numbers)).distinct()))
     _move(connection, run_sweep, TRASH[run_sweep], run_sweep.c.run.in_(numbers))
     _move(connection, run, TRASH[run], run.c.number.in_(numbers), moment)
-    shared = {
-        key
-        for chunk in key_chunks(of_runs)
-        for key in connection.scalars(select(run_sweep.c.key).where(run_sweep.c.key.in_(chunk)))
-    }
+    shared = scalars_of(connection, select(run_sweep.c.key).where(is_one_of(run_sweep.c.key)), of_runs)
     seal_places(connection, shared)
     orphans = (key for key in of_runs if key not in shared)
     return sum(_move_sweeps(connection, chunk, moment) for chunk in key_chunks((*orphans, *keys)))
@@ -93,11 +91,7 @@ def _restore_runs_of(connection: Connection, keys: Sequence[str]) -> list[int]:
     places, other = TRASH[run_sweep], TRASH[run_sweep].alias()
     with_run = select(other.c.key).where(other.c.run.in_(select(run.c.number)))
     lone = (places.c.key.not_in(select(run_sweep.c.key)), places.c.key.not_in(with_run))
-    found = {
-        number
-        for chunk in key_chunks(keys)
-        for number in connection.scalars(select(places.c.run).where(places.c.key.in_(chunk), *lone).distinct())
-    }
+    found = scalars_of(connection, select(places.c.run).where(is_one_of(places.c.key), *lone).distinct(), keys)
     _move(connection, TRASH[run], run, TRASH[run].c.number.in_(found))
     return sorted(found)
 

@@ -1,13 +1,12 @@
 """Annotations by the user: tags and notes."""
 
-from collections import defaultdict
 from collections.abc import Iterable
 
 from sqlalchemy import Connection, delete, func, insert, select
 
 from fraexp.errors import StoreError, did_you_mean
 from fraexp.store.damage import RESTORE_HINT
-from fraexp.store.digests import annotations_digest, seal_annotations
+from fraexp.store.digests import annotations_digest, read_annotations, seal_annotations
 from fraexp.store.tables import key_chunks, note, sweep, tag
 
 
@@ -53,40 +52,15 @@ def annotate(connection: Connection, key: str, text: str) -> None:
     seal_annotations(connection, [key])
 
 
-def tags_of_sweeps(connection: Connection, keys: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """Return the tags of each sweep that has any, in alphabetical order."""
-    found: dict[str, tuple[str, ...]] = defaultdict(tuple)
-    for chunk in key_chunks(keys):
-        query = select(tag.c.key, tag.c.name).where(tag.c.key.in_(chunk)).order_by(tag.c.name)
-        for key, name in connection.execute(query):
-            found[key] += (name,)
-    return dict(found)
-
-
-def notes_of_sweeps(connection: Connection, keys: Iterable[str]) -> dict[str, str]:
-    """Return the note of each sweep that has one."""
-    found: dict[str, str] = {}
-    for chunk in key_chunks(keys):
-        found |= {row.key: row.text for row in connection.execute(select(note).where(note.c.key.in_(chunk)))}
-    return found
-
-
 def _sound_keys(connection: Connection, keys: Iterable[str]) -> Iterable[list[str]]:
     """Yield the keys in lists; StoreError if one does not exist, or its tags or note are damaged."""
-    for chunk in _existing_keys(connection, keys):
-        tags, notes = tags_of_sweeps(connection, chunk), notes_of_sweeps(connection, chunk)
-        query = select(sweep.c.key, sweep.c.annotations).where(sweep.c.key.in_(chunk))
-        for key, stored in connection.execute(query):
-            if annotations_digest(key, tags.get(key, ()), notes.get(key, "")) != stored:
-                raise StoreError(f"the tags or the note of sweep {key[4:12]} are damaged; {RESTORE_HINT}")
-        yield chunk
-
-
-def _existing_keys(connection: Connection, keys: Iterable[str]) -> Iterable[list[str]]:
-    """Yield the keys in lists; StoreError if one does not exist."""
     for chunk in key_chunks(keys):
-        known_keys = set(connection.scalars(select(sweep.c.key).where(sweep.c.key.in_(chunk))))
-        missing = next((key for key in chunk if key not in known_keys), None)
-        if missing is not None:
-            raise StoreError(f"there is no sweep {missing}; it may have been deleted")
+        tags, notes = read_annotations(connection, chunk)
+        query = select(sweep.c.key, sweep.c.annotations).where(sweep.c.key.in_(chunk))
+        stored = {row.key: row.annotations for row in connection.execute(query)}
+        for key in chunk:
+            if key not in stored:
+                raise StoreError(f"there is no sweep {key}; it may have been deleted")
+            if annotations_digest(key, tags.get(key, ()), notes.get(key, "")) != stored[key]:
+                raise StoreError(f"the tags or the note of sweep {key[4:12]} are damaged; {RESTORE_HINT}")
         yield chunk

@@ -18,12 +18,12 @@ from fraexp.store.digests import (
     listed_digest,
     log_digest,
     origins_digest,
+    read_annotations,
     read_origin_rows,
     run_digest,
     sum_of_digests,
 )
 from fraexp.store.liveness import Host, Process, host_of, now
-from fraexp.store.queries import annotations
 from fraexp.store.queries.filter_sql import STATES
 from fraexp.store.stored_records import ComponentOrigin, RunProgress, RunSummary, StoredSweep
 from fraexp.store.tables import (
@@ -36,9 +36,11 @@ from fraexp.store.tables import (
     Query,
     RowValues,
     TableRow,
+    is_one_of,
     key_chunks,
     run,
     run_sweep,
+    scalars_of,
     sweep,
 )
 from fraexp.store.validation import JsonTable, check_types
@@ -166,11 +168,7 @@ def find_sweep(connection: Connection, prefix: str) -> StoredSweep:
 def find_sweeps(connection: Connection, keys: Iterable[str]) -> dict[str, StoredSweep]:
     """Return the sweeps with these keys, as in their latest runs, in the order of the keys."""
     wanted = list(dict.fromkeys(keys))
-    known = {
-        key
-        for chunk in key_chunks(wanted)
-        for key in connection.scalars(select(sweep.c.key).where(sweep.c.key.in_(chunk)))
-    }
+    known = scalars_of(connection, select(sweep.c.key).where(is_one_of(sweep.c.key)), wanted)
     return {of.key: of for of in read_listed(connection, [key for key in wanted if key in known])}
 
 
@@ -233,7 +231,7 @@ def _stored_sweeps(connection: Connection, query: Query) -> list[tuple[int, Stor
     rows = connection.execute(query).mappings().all()
     keys = [row["key"] for row in rows]
     resolved = shared_sections.load_parts(connection, rows)
-    tags, notes = annotations.tags_of_sweeps(connection, keys), annotations.notes_of_sweeps(connection, keys)
+    tags, notes = read_annotations(connection, keys)
     origins = {key: of for chunk in key_chunks(keys) for key, of in read_origin_rows(connection, chunk).items()}
     studies = read_studies(connection, {row["run"] for row in rows} - {None})
     found = []
