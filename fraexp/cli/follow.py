@@ -125,7 +125,8 @@ def _take_event(event: Event, followed: RunEvents) -> None:
         case Begun():
             followed.begun.append(event.run)
         case Finished():
-            followed.computed[followed.begun[-1]] += event.state == "computed"
+            if event.state == "computed":
+                followed.computed[followed.begun[-1]] += 1
             if event.error:
                 followed.reasons[event.error] += 1
         case Ended():

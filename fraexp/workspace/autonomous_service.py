@@ -142,7 +142,7 @@ class AutonomousService:
         design = PointDesign(axis, loop, self._service.registry)
         coarse = design.coarse()
         yield from self._levels(axis, task, design, coarse, 0, 1)
-        rough = yield from self._analysed(task, loop, 1)
+        rough = yield from self._evaluated(task, loop, 1)
         near = design.fine(*_modes(rough))
         if not (_is_good(rough) or (near and _knows_law(rough))):
             near = sorted([*near, *design.between(coarse)])
@@ -151,7 +151,7 @@ class AutonomousService:
         number = first + len(LEVEL_RATIOS) * len(near)
         begun = _stage_begun(3, "a multisine with random phases")
         yield from self._play(axis, task, [design.validation(number)], begun)
-        yield from self._final(task, loop)
+        self.result = yield from self._evaluated(task, loop, 3, validation=1)
 
     def estimate_point(self, task: MeasurementTask, point: MeasuredPoint) -> list[Result | str]:
         """Return the response at one point, of machine and friction together, for whoever watches."""
@@ -230,35 +230,29 @@ class AutonomousService:
         with closing(measurement.events(self._service.registry, lambda _: None, plan)) as events:
             yield from events
 
-    def _analysed(
-        self, task: MeasurementTask, loop: FrictionLoop, stage: int
+    def _evaluated(
+        self, task: MeasurementTask, loop: FrictionLoop, stage: int, validation: int = 0
     ) -> Generator[AutonomousEvent, None, Result | None]:
-        """Run the study of what was recorded so far, and return its result; None if it has failed."""
-        yield from self._write_study(task, loop, 0)
+        """Run the study of what was recorded so far, and return its result; None if it has failed.
+
+        With `validation` records it is the last one, whose events are all yielded.
+        """
+        yield from self._write_study(task, loop, validation)
         result, expected, begun = None, 0.0, time.monotonic()
         for event in self._service.run([str(self.path.resolve())]):
             if isinstance(event, Planned):
                 expected = event.time.seconds or 0.0
                 yield _evaluation_begun(stage, expected)
-            if isinstance(event, Progress):
+            if validation:
+                yield event
+            elif isinstance(event, Progress):
                 yield EvaluationProgress(time.monotonic() - begun, expected)
             if isinstance(event, Finished):
                 result = self._result_of(event)
-                yield MeasurementNotice(
-                    f"{STAGES[stage]}, which the next ones correct: {_summary(result, event.error)}"
-                )
+                found = _summary(result, event.error)
+                next_ones = f"{STAGES[stage]}, which the next ones correct: {found}"
+                yield Noticed(f"verdict: {found}") if validation else MeasurementNotice(next_ones)
         return result
-
-    def _final(self, task: MeasurementTask, loop: FrictionLoop) -> Generator[AutonomousEvent, None, None]:
-        """Run the study of all that was recorded, and say what was found."""
-        yield from self._write_study(task, loop, 1)
-        for event in self._service.run([str(self.path.resolve())]):
-            if isinstance(event, Planned):
-                yield _evaluation_begun(3, event.time.seconds or 0.0)
-            yield event
-            if isinstance(event, Finished):
-                self.result = self._result_of(event)
-                yield Noticed(f"verdict: {_summary(self.result, event.error)}")
 
     def _result_of(self, event: Finished) -> Result | None:
         """Return the result of a sweep; one that is reused is in the store alone."""

@@ -191,25 +191,6 @@ def test_a_sweep_without_a_result_is_not_plotted(
     assert "nothing to plot in 1 sweep" in capsys.readouterr().err
 
 
-def test_compare_names_sweeps_by_the_run_that_computed_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    result = Result(Outcome.OK, response=response_of(0.1))
-    first, second = (
-        Sweep({"source": "loop", "excitation": {"amplitude": force}}, {"name": name}, {"excitation.amplitude": force})
-        for force, name in ((12, "conventional"), (12, "effective_input"))
-    )
-    with Store.open(str(tmp_path / "results.db"), create=True) as store:
-        for sweep in (first, second):
-            run = store.begin_run("bench", "bench.toml", "fraexp run bench", {}, [sweep])
-            store.save(run, [(sweep, result, {})])
-            store.end_run(run, "complete")
-        again = [replace(first, labels={"later": 1}), replace(second, labels={"later": 2})]
-        store.reuse(run := store.begin_run("other", "other.toml", "", {}, again), [sweep.key for sweep in again])
-        store.end_run(run, "complete")
-    keys = [short_key(sweep.key) for sweep in (first, second)]
-    assert main(["compare", *keys, "--workspace", str(tmp_path)]) == ExitCode.OK
-    assert f"responses against {keys[0]} (amplitude 12)\n" in capsys.readouterr().out
-
-
 @pytest.mark.thorough
 def test_responses_of_two_units_are_two_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     speed = Sweep({"source": "record"}, {"name": "h1", "output": "v"}, {"estimator.output": "v"})
