@@ -1,8 +1,10 @@
 """A workspace in Python: studies are run, results read, and experiments computed without a database."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
+from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from fraexp.cli.output import say
 from fraexp.components.kinds import KINDS, Component, FrictionModel
@@ -25,6 +27,8 @@ from fraexp.records.study_writer import PERIODIC_ESTIMATOR
 from fraexp.study.study_file import ResolvedStudy, find_study
 from fraexp.workspace.workspace_service import WorkspaceService
 
+Arguments = ParamSpec("Arguments")
+Found = TypeVar("Found")
 _reported: set[tuple[LoadFailure, FileStamp | None]] = set()
 """Broken plugins that have been reported, each as its file was: calls in a loop report it once."""
 
@@ -196,7 +200,7 @@ class Workspace:
             found = store.find(key)
             return SweepResult(found, store.result(found.key), self._service)
 
-    def friction_law(self, name: str, **parameters: object) -> FrictionLaw:
+    def friction_law(self, /, name: str, **parameters: object) -> FrictionLaw:
         """Return a friction law by name with its parameters, such as ``stiffness="17 N/µm"``, to be called."""
         refresh_plugins(self._service)
         if isinstance(name, type) and issubclass(name, FrictionModel):
@@ -207,7 +211,7 @@ class Workspace:
         return FrictionLaw(create(self._service.registry, FrictionModel, spec))
 
     def simulate(
-        self, machine: str | Mapping[str, Any], excitation: str | Mapping[str, Any] | Component, **sections: Any
+        self, /, machine: str | Mapping[str, Any], excitation: str | Mapping[str, Any] | Component, **sections: Any
     ) -> Recording:
         """Return the signals of a simulated experiment, without a database.
 
@@ -234,7 +238,7 @@ class Workspace:
         return direct_computation.record_signals(sweep.experiment, {}, self._service)
 
     def read_record(
-        self, file: str | Path | Sequence[str | Path], channels: Mapping[str, Any] | None = None, **keys: Any
+        self, /, file: str | Path | Sequence[str | Path], channels: Mapping[str, Any] | None = None, **keys: Any
     ) -> Recording:
         """Return the signals of a measured record, without a database.
 
@@ -272,7 +276,7 @@ class Workspace:
         )
 
     def estimate(
-        self, recording: Recording, estimator: str | Mapping[str, Any] | Component, **parameters: Any
+        self, /, recording: Recording, estimator: str | Mapping[str, Any] | Component, **parameters: Any
     ) -> SweepResult:
         """Return what an estimator makes of signals, without a database.
 
@@ -296,7 +300,7 @@ class Workspace:
         return direct_computation.estimate_signals(recording, spec)
 
     def identify(
-        self, recording: Recording, estimator: str | Mapping[str, Any] | Component, **parameters: Any
+        self, /, recording: Recording, estimator: str | Mapping[str, Any] | Component, **parameters: Any
     ) -> SweepResult:
         """Return the result of an estimator that identifies a plant or a friction law, as `estimate` does.
 
@@ -343,35 +347,21 @@ def missing_channels(file: Path, registry: Registry) -> ParameterError:
     return ParameterError(f"read_record needs channels; probably those of '{proposal.command}'{needs}")
 
 
-def run(study: str | Path | Study, changes: Mapping[str, object] | None = None, **options: Any) -> Run:
-    """Run a study in the current folder and return its results; see `Workspace.run`."""
-    return Workspace().run(study, changes, **options)
+def _in_current_folder(method: Callable[Concatenate[Workspace, Arguments], Found]) -> Callable[Arguments, Found]:
+    """Return a method of the workspace in the current folder as a function."""
+
+    @wraps(method)
+    def call(*arguments: Arguments.args, **options: Arguments.kwargs) -> Found:
+        return method(Workspace(), *arguments, **options)
+
+    _, *parameters = signature(method).parameters.values()
+    vars(call)["__signature__"] = signature(method).replace(parameters=parameters)
+    return call
 
 
-def friction_law(name: str, **parameters: object) -> FrictionLaw:
-    """Return a friction law by name with its parameters, to be called; see `Workspace.friction_law`."""
-    return Workspace().friction_law(name, **parameters)
-
-
-def simulate(
-    machine: str | Mapping[str, Any], excitation: str | Mapping[str, Any] | Component, **sections: Any
-) -> Recording:
-    """Return the signals of a simulated experiment, without a database; see `Workspace.simulate`."""
-    return Workspace().simulate(machine, excitation, **sections)
-
-
-def read_record(
-    file: str | Path | Sequence[str | Path], channels: Mapping[str, Any] | None = None, **keys: Any
-) -> Recording:
-    """Return the signals of a measured record, without a database; see `Workspace.read_record`."""
-    return Workspace().read_record(file, channels, **keys)
-
-
-def estimate(recording: Recording, estimator: str | Mapping[str, Any] | Component, **parameters: Any) -> SweepResult:
-    """Return what an estimator makes of signals, without a database; see `Workspace.estimate`."""
-    return Workspace().estimate(recording, estimator, **parameters)
-
-
-def identify(recording: Recording, estimator: str | Mapping[str, Any] | Component, **parameters: Any) -> SweepResult:
-    """Return the plant or friction law that an estimator identifies, without a database; see `Workspace.identify`."""
-    return Workspace().identify(recording, estimator, **parameters)
+run = _in_current_folder(Workspace.run)
+friction_law = _in_current_folder(Workspace.friction_law)
+simulate = _in_current_folder(Workspace.simulate)
+read_record = _in_current_folder(Workspace.read_record)
+estimate = _in_current_folder(Workspace.estimate)
+identify = _in_current_folder(Workspace.identify)

@@ -2,16 +2,24 @@
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import NamedTuple
 
 from fraexp.data import units
 from fraexp.errors import FilterError, ParameterError
 
 OPERATORS = ("!=", ">=", "<=", "=", ">", "<", ":")
 """Longer ones first."""
+OPERATOR = re.compile("|".join(OPERATORS))
+QUOTED = re.compile(r'"(?:\\.|[^"\\])*"', re.DOTALL)
+ESCAPED = re.compile(r"\\(.)", re.DOTALL)
+TERM = re.compile(rf'(?:{QUOTED.pattern}|[^\s"])+', re.DOTALL)
+COMPARISON = re.compile(
+    rf'(?P<field>(?:{QUOTED.pattern}|(?!{OPERATOR.pattern})[^"])*)(?P<operator>{OPERATOR.pattern})(?P<value>.*)',
+    re.DOTALL,
+)
+"""A term with an operator outside of quotes."""
 LONG_WORD = re.compile(r"[^\W\d_]{5}")
 """Five letters, which no symbol of a unit has: coulomb is a friction law."""
 FIELDS_OF_TEXT = ("key", "state", "outcome", "source", "study", "tag", "note", "message", "created")
@@ -34,102 +42,55 @@ class Condition:
     negated: bool = False
 
 
-Letters = list[tuple[str, bool]]
-"""Letters of a term, each with whether it is quoted."""
-
-
 def parse_filter(text: str) -> list[Condition]:
     """Return the conditions of a filter, which must all hold; FilterError if a term is invalid."""
-    return [_parse_condition(letters) for letters in _join_terms(_split_terms(text))]
+    if '"' in QUOTED.sub("", text):
+        raise FilterError(f"filter: a quote is not closed in {text.strip()!r}")
+    return [_parse_condition(term) for term in _join_terms(TERM.findall(text))]
 
 
-def _join_terms(terms: Iterable[Letters]) -> list[Letters]:
+def _join_terms(terms: Iterable[str]) -> list[str]:
     """Return terms in which blanks around an operator, and before a unit, separate nothing."""
-    joined: list[Letters] = []
+    joined: list[str] = []
     for term in terms:
-        before = _operator_place(joined[-1]) if joined else None
-        lacks_value = before is not None and sum(before) == len(joined[-1])
-        continues_word = bool(joined) and before is None and _operator_place(term, last=0) is not None
+        before = COMPARISON.match(joined[-1]) if joined else None
+        lacks_value = before is not None and not before["value"]
+        continues_word = bool(joined) and before is None and OPERATOR.match(term)
         if lacks_value or continues_word:
-            joined[-1] = [*joined[-1], *term]
-        elif before is not None and _is_unit_of(joined[-1], before, term):
-            joined[-1] = [*joined[-1], (" ", False), *term]
+            joined[-1] += term
+        elif before is not None and _is_unit_of(before, term):
+            joined[-1] += f" {term}"
         else:
             joined.append(term)
     return joined
 
 
-def _is_unit_of(term: Letters, place: "OperatorPlace", word: Letters) -> bool:
-    """Return whether a word is the unit, or a further part of the unit, of the number that a term ends with."""
-    field, value, unit = _join_letters(term[: place.start]), _join_letters(term[sum(place) :]), _join_letters(word)
+def _is_unit_of(comparison: "re.Match[str]", word: str) -> bool:
+    """Return whether a word is the unit, or a further part of the unit, of the number that is compared with."""
+    field, value = _unquote(comparison["field"]), _unquote(comparison["value"])
     number = units.NUMBER.match(value)
     may_have_unit = field.removeprefix("-") not in FIELDS_OF_TEXT
-    if not (number and may_have_unit) or any(quoted for _, quoted in word) or not unit[:1].isalpha():
+    if not (number and may_have_unit) or '"' in word or not word[:1].isalpha() or LONG_WORD.search(word):
         return False
-    return not LONG_WORD.search(unit) and unit_in(f"1 {value[number.end() :]} {unit}") != ""
+    return unit_in(f"1 {value[number.end() :]} {word}") != ""
 
 
-def _split_terms(text: str) -> Iterator[Letters]:
-    """Yield the letters of each term, each with whether it is quoted; in quotes a backslash escapes a letter."""
-    letters: Letters = []
-    quoted = False
-    rest = iter(text)
-    for letter in rest:
-        if letter == '"':
-            quoted = not quoted
-            letters.append(("", True))
-        elif quoted and letter == "\\":
-            letters.append((next(rest, "\\"), True))
-        elif letter.isspace() and not quoted:
-            if letters:
-                yield letters
-            letters = []
-        else:
-            letters.append((letter, quoted))
-    if quoted:
-        raise FilterError(f"filter: a quote is not closed in {text.strip()!r}")
-    if letters:
-        yield letters
+def _unquote(text: str) -> str:
+    """Return a text without its quotes; in quotes a backslash escapes a letter."""
+    return QUOTED.sub(lambda quoted: ESCAPED.sub(r"\1", quoted[0][1:-1]), text)
 
 
-def _parse_condition(letters: Letters) -> Condition:
-    term = _join_letters(letters)
-    negated = letters[0] == ("-", False)
-    body = letters[1:] if negated else letters
-    place = _operator_place(body)
-    if place:
-        operator = _join_letters(body[place.start : sum(place)])
-        field, value = _join_letters(body[: place.start]), _join_letters(body[sum(place) :])
+def _parse_condition(written: str) -> Condition:
+    term, negated = _unquote(written), written.startswith("-")
+    body = written.removeprefix("-")
+    if comparison := COMPARISON.match(body):
+        field, operator, value = (_unquote(part) for part in comparison.groups())
         _check_condition(term, field, value)
         return Condition(term, field, operator.replace("!", ""), value, negated != (operator == "!="))
-    word = _join_letters(body)
+    word = _unquote(body)
     if not word:
         raise FilterError(f"filter: {term!r} is empty; expected a word, or a term such as tag:baseline")
     return Condition(term, "", ":", word, negated)
-
-
-class OperatorPlace(NamedTuple):
-    """Where the operator of a term is; both together are where its value begins."""
-
-    start: int
-    length: int
-
-
-def _operator_place(letters: Letters, last: int | None = None) -> OperatorPlace | None:
-    """Return the place of the first operator of a term, up to the letter `last`; None for a word."""
-    for start in range(len(letters) if last is None else last + 1):
-        operator = next((text for text in OPERATORS if _starts_with(letters, start, text)), None)
-        if operator:
-            return OperatorPlace(start, len(operator))
-    return None
-
-
-def _starts_with(letters: Letters, start: int, text: str) -> bool:
-    return letters[start : start + len(text)] == [(letter, False) for letter in text]
-
-
-def _join_letters(letters: Letters) -> str:
-    return "".join(letter for letter, _ in letters)
 
 
 def _check_condition(term: str, field: str, value: str) -> None:
