@@ -24,15 +24,6 @@ KINDS_WITH_STUDY = ("friction", "plant", "controller", "excitation", "estimator"
 """Kinds whose template comes with a study."""
 NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]*")
 MAX_NAME_LENGTH = 100
-STEP_COMMENTS = {
-    "fraexp check": "tests the plugin",
-    "fraexp run": "runs it, and plots into figures/",
-    "fraexp plot": "plots it again, to a file of your choice",
-    "fraexp plugins": "lists the components that were found",
-    "python -m pip": "installs it",
-    "python -m pytest": "runs its tests",
-}
-"""What a next step does, by the beginning of its command."""
 
 
 def execute(arguments: Namespace) -> ExitCode:
@@ -51,7 +42,10 @@ def execute(arguments: Namespace) -> ExitCode:
         _write(workspace / path, text)
         print_path(workspace / path)
     print("next:")
-    _print_steps(list(_next_steps(kind, words, arguments)))
+    steps = dict(_next_steps(kind, words, arguments))
+    width = max(map(len, steps))
+    for step, comment in steps.items():
+        print_line(f"  {step:<{width}}  # {comment}", "    ")
     return ExitCode.OK
 
 
@@ -116,25 +110,19 @@ def _fill_template(template: str, words: Mapping[str, str]) -> str:
     return Template(text).substitute(words)
 
 
-def _next_steps(kind: str, words: Mapping[str, str], arguments: Namespace) -> Iterator[str]:
+def _next_steps(kind: str, words: Mapping[str, str], arguments: Namespace) -> Iterator[tuple[str, str]]:
+    """Yield commands, each with what it does."""
     name, workspace = words["name"], Path(arguments.workspace)
     here = "" if workspace == Path() else f" --workspace {shlex.quote(str(workspace))}"
     if arguments.package:
         folder = shlex.quote(str(workspace / words["project"]))
         offline = " --no-deps --no-build-isolation" if find_spec("hatchling") else ""  # the build backend is here
-        yield f"python -m pip install{offline} -e {folder}"
-        yield f"python -m pytest {folder}"
+        yield f"python -m pip install{offline} -e {folder}", "installs it"
+        yield f"python -m pytest {folder}", "runs its tests"
         return
-    yield f"fraexp check {name}{here}"
+    yield f"fraexp check {name}{here}", "tests the plugin"
     if kind not in KINDS_WITH_STUDY:
-        yield f"fraexp plugins{here}"
+        yield f"fraexp plugins{here}", "lists the components that were found"
         return
-    yield f"fraexp run {name}{here}"
-    yield f"fraexp plot {name} -o {name}.pdf{here}"
-
-
-def _print_steps(steps: list[str]) -> None:
-    width = max(map(len, steps))
-    for step in steps:
-        comment = next(text for begin, text in STEP_COMMENTS.items() if step.startswith(begin))
-        print_line(f"  {step:<{width}}  # {comment}", "    ")
+    yield f"fraexp run {name}{here}", "runs it, and plots into figures/"
+    yield f"fraexp plot {name} -o {name}.pdf{here}", "plots it again, to a file of your choice"

@@ -15,14 +15,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from sqlalchemy.pool import QueuePool
 
 from fraexp.errors import StoreError, UnavailableError
-from fraexp.store.backends.engine import (
-    EXCLUSIVE,
-    WRITE_MODE,
-    Database,
-    compact_json,
-    masked_url,
-    url_without_password,
-)
+from fraexp.store.backends.engine import EXCLUSIVE, WRITE_MODE, Database, compact_json, masked_url, url_without_password
 from fraexp.store.tables import create_tables
 
 if TYPE_CHECKING:

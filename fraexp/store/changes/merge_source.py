@@ -20,14 +20,7 @@ from fraexp.store.digests import (
     read_result_rows,
     result_digest,
 )
-from fraexp.store.tables import (
-    Query,
-    RowValues,
-    curve_column,
-    frequency_response,
-    run_sweep,
-    sweep,
-)
+from fraexp.store.tables import Query, RowValues, curve_column, frequency_response, run_sweep, sweep
 from fraexp.store.validation import FOREIGN_DATA_ERRORS
 
 MAX_ARRAY_BYTES = 2**25

@@ -30,17 +30,7 @@ from fraexp.store.queries import reading, stored_results
 from fraexp.store.queries.filter_sql import STATES
 from fraexp.store.queries.reading import RUN_STATES
 from fraexp.store.stored_records import Conflict, MergeSummary
-from fraexp.store.tables import (
-    RESULT_TABLES,
-    RowValues,
-    insert_or_ignore,
-    key_chunks,
-    note,
-    run,
-    run_sweep,
-    sweep,
-    tag,
-)
+from fraexp.store.tables import RESULT_TABLES, RowValues, insert_or_ignore, key_chunks, note, run, run_sweep, sweep, tag
 
 BATCH_SIZE = 500
 """Sweeps that are processed together."""

@@ -6,20 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from datetime import datetime
 
-from sqlalchemy import (
-    ColumnElement,
-    Float,
-    Text,
-    and_,
-    cast,
-    exists,
-    false,
-    func,
-    literal,
-    not_,
-    or_,
-    select,
-)
+from sqlalchemy import ColumnElement, Float, Text, and_, cast, exists, false, func, literal, not_, or_, select
 
 from fraexp.data.identity import key_heads
 from fraexp.data.results import UNUSABLE_OUTCOMES, Outcome

@@ -11,22 +11,9 @@ from fraexp.store.damage import RESTORE_HINT
 from fraexp.store.queries import reading
 from fraexp.store.queries.filter_sql import SWEEP_COLUMNS, SWEEP_KEY, condition_sql, run_view, split_parameter
 from fraexp.store.queries.filters import parse_filter
-from fraexp.store.queries.known_names import (
-    METRIC_PREFIX,
-    KnownNames,
-    UnitDeclarations,
-    no_declared_units,
-)
+from fraexp.store.queries.known_names import METRIC_PREFIX, KnownNames, UnitDeclarations, no_declared_units
 from fraexp.store.stored_records import ListingPage
-from fraexp.store.tables import (
-    STANDING_LATEST,
-    STANDING_REPEATED,
-    Expression,
-    Query,
-    metric,
-    part,
-    sweep,
-)
+from fraexp.store.tables import STANDING_LATEST, STANDING_REPEATED, Expression, Query, metric, part, sweep
 
 POSITION_ORDER, NEWEST_ORDER = "position", "-created"
 """Default orders: of a run's sweeps, and of all sweeps."""
