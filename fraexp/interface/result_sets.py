@@ -215,10 +215,8 @@ class Results(Sequence[SweepResult]):
             *([f"{plural(rest, 'more sweep')} not shown"] if rest > 0 else []),
         ]
         drawable = any(of.is_usable and (of.result.response or of.result.curves) for of in self)
-        columns = [index for index in range(len(table.columns)) if any(row[index] for row in table.rows)]
-        rows = [[row[index] for index in columns] for row in table.rows]
         figure = self.plot() if drawable else None
-        return page_part(self._heading(), notes, figure, [table.columns[index] for index in columns], rows)
+        return page_part(self._heading(), notes, figure, table.columns, table.rows)
 
 
 class Run(Results):

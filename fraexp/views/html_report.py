@@ -3,12 +3,11 @@
 import os
 import shlex
 from base64 import b64encode
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from fraexp.components.registry import Registry
 from fraexp.data.atomic_file import atomic_file
 from fraexp.data.sweep import Plain
 from fraexp.data.terminal_text import printable
@@ -110,42 +109,29 @@ def report_runs(
 
     The newest run of a study updates its figure in the workspace; older runs are drawn elsewhere.
     """
-    newest = {run.study: run.number for run in reversed(store.runs())}
+    newest = {run.study: run.number for run in reversed(store.runs())}.values()
     with TemporaryDirectory() as spare:
-        chapters = []
-        for number in runs:
-            current = number == newest[store.run(number).study]
-            drawer = _drawing_function(
-                workspace, store, workspace.folder / "figures" if current else Path(spare) / str(number)
+        chapters = [
+            gather_chapter(
+                workspace, store, number, workspace.folder / "figures" if number in newest else Path(spare, str(number))
             )
-            chapters.append(gather_chapter(store, number, workspace.folder, workspace.registry, drawer))
+            for number in runs
+        ]
         write_report(path, title, chapters)
     return [one for chapter in chapters for one in chapter.compared]
 
 
-def _drawing_function(
-    workspace: WorkspaceService, store: Store, folder: Path
-) -> Callable[[ResolvedStudy, str, Sequence[StoredSweep]], Iterable[Path]]:
-    """Return a function that draws the sweeps of a study into a folder."""
-    draw = workspace.figures.draw
-    return lambda study, title, sweeps: draw(store, sweeps, folder / f"{study.name}.png", title, study.figure)
-
-
-def gather_chapter(
-    store: Store,
-    number: int,
-    folder: Path,
-    registry: Registry,
-    draw: Callable[[ResolvedStudy, str, Sequence[StoredSweep]], Iterable[Path]],
-) -> RunChapter:
-    """Return the chapter about a stored run; `draw` returns the PNG files that show its sweeps under a title."""
+def gather_chapter(workspace: WorkspaceService, store: Store, number: int, figure_folder: Path) -> RunChapter:
+    """Return the chapter about a stored run, whose figure is drawn into a folder."""
+    folder, registry = workspace.folder, workspace.registry
     run, sweeps = store.run(number), store.sweeps(number)
     results = store.results(sweep.key for sweep in sweeps)
     sweeps = mark_damaged(sweeps, results)
     study, notes = read_study(run, folder)
     compared = compare_published(study.published, sweeps, results)
     try:
-        figures = list(draw(study, run_title(run.study, study.title, run.command), sweeps))
+        file, heading = figure_folder / f"{study.name}.png", run_title(run.study, study.title, run.command)
+        figures = list(workspace.figures.draw(store, sweeps, file, heading, study.figure))
     except FraexpError as error:
         figures, notes = [], [*notes, f"no figure: {error}"]
     stated = {one.metric: one.unit for one in study.published}

@@ -127,10 +127,10 @@ def _expectation(one: PublishedComparison) -> str:
 
 
 def report_table(table: TextTable) -> ReportTable:
-    """Return a table of texts without its empty columns, and upright if it has few rows."""
-    kept = [[title, *texts] for title, *texts in zip(table.columns, *table.rows, strict=True) if any(texts)]
-    is_upright = len(table.rows) <= MAX_UPRIGHT_SWEEPS and len(kept) > len(table.rows)
-    titles, *body = kept if is_upright else [list(row) for row in zip(*kept, strict=True)]
+    """Return a table of texts, upright if it has few rows."""
+    titles, *body = table.columns, *table.rows
+    if len(table.rows) <= MAX_UPRIGHT_SWEEPS and len(table.columns) > len(table.rows):
+        titles, *body = (list(column) for column in zip(titles, *body, strict=True))
     return ReportTable(titles, [[Cell(text) for text in row] for row in body], table.title)
 
 

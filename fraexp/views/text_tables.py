@@ -79,7 +79,7 @@ def sweep_table(
     stated: Mapping[str, str] | None = None,
     most: int | None = MAX_METRIC_COLUMNS,
 ) -> TextTable:
-    """Return a row for each sweep: labels, outcome, settled points, some magnitudes, metrics, message.
+    """Return a row for each sweep: labels, outcome, settled points, some magnitudes, metrics, message; no empty column.
 
     `stated` has the units in which a study gives metrics, by their names; `most` is the number of metrics, None for
     all, those of the effort included.
@@ -101,8 +101,9 @@ def sweep_table(
     notes = [f"magnitudes in dB re 1 {unit}"] if spots else []
     left_out = len(metrics[most:]) if most is not None else 0
     notes += [f"{plural(left_out, 'more metric')} of each sweep: fraexp show KEY"] if left_out else []
-    rows = [list(row) for row in zip(*(texts for _, texts in columns), strict=True)]
-    return TextTable([title for title, _ in columns], rows, "; ".join(notes))
+    kept = [(title, texts) for title, texts in columns if any(texts)]
+    rows = [list(row) for row in zip(*(texts for _, texts in kept), strict=True)]
+    return TextTable([title for title, _ in kept], rows, "; ".join(notes))
 
 
 def label_values(sweeps: Sequence[StoredSweep], registry: Registry) -> dict[str, tuple[str, list[object]]]:

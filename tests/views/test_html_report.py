@@ -10,7 +10,6 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.components.registry import Registry
 from fraexp.errors import FraexpError
 from fraexp.reports.stored_figures import StoredFigures
 from fraexp.store import Store
@@ -225,7 +224,7 @@ def test_a_report_does_without_the_study_and_without_a_figure(folder: Path, monk
 
 @pytest.mark.thorough
 def test_a_report_of_one_run_is_titled_like_its_study_and_replaces_no_other_file(
-    folder: Path, registry: Registry, capsys: pytest.CaptureFixture[str]
+    folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["run", "loops/a"]) == 0
     Path("x.html").write_text("<!DOCTYPE html><p>mine</p>", "utf-8")
@@ -239,8 +238,9 @@ def test_a_report_of_one_run_is_titled_like_its_study_and_replaces_no_other_file
     assert f"<h1>{title}</h1>" in text
     assert f"<h2>{title}</h2>" not in text
     assert "Summary" not in text
-    with WorkspaceService.open(".").open_store() as store:
-        chapter = gather_chapter(store, 1, folder, registry, lambda *_: ())
+    workspace = WorkspaceService.open(".")
+    with workspace.open_store() as store:
+        chapter = gather_chapter(workspace, store, 1, folder / "figures")
     method = Method("estimator", "mine", ("the `method<b>` is <i>", "twice"))
     text = render_report("", [replace(chapter, methods=[method])])
     assert "<p>the <code>method&lt;b&gt;</code> is &lt;i&gt;</p>\n<p>twice</p>" in text
