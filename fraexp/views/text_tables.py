@@ -79,10 +79,10 @@ def sweep_table(
     stated: Mapping[str, str] | None = None,
     most: int | None = MAX_METRIC_COLUMNS,
 ) -> TextTable:
-    """Return a row for each sweep: labels, outcome, settled points, some magnitudes, metrics, message; no empty column.
+    """Return a row for each sweep: labels, outcome, settled points, some magnitudes, metrics, message.
 
-    `stated` has the units in which a study gives metrics, by their names; `most` is the number of metrics, None for
-    all, those of the effort included.
+    Empty columns are left out. `stated` has the units in which a study gives metrics, by their names; `most` is the
+    number of metrics, None for all, those of the effort included.
     """
     found = [results.get(sweep.key) for sweep in sweeps]
     labels = label_values(sweeps, registry)
