@@ -1,7 +1,7 @@
 """What is learnt from signals: frequency responses with covariance, metrics, curves, and the outcome."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any
 
@@ -93,6 +93,14 @@ class FrequencyResponse:
     def standard_deviation(self) -> NDArray[np.float64]:
         """Standard deviation of the complex response [unit], shape (n,); NaN where unknown."""
         return np.sqrt(self.covariance[:, 0, 0] + self.covariance[:, 1, 1])
+
+    def ascending(self) -> "FrequencyResponse":
+        """Return its points in the order of their frequencies."""
+        order = np.argsort(self.frequency, kind="stable")
+        if np.array_equal(order, np.arange(order.size)):
+            return self
+        parts: dict[str, Any] = {name: part[order] for name, part in vars(self).items() if isinstance(part, np.ndarray)}
+        return replace(self, **parts)
 
     @property
     def distortion(self) -> NDArray[np.float64]:

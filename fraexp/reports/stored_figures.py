@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fraexp.components.registry import Registry
 from fraexp.data.figure_kinds import AGAINST_PLANT, OF_METRICS
-from fraexp.data.results import Result
+from fraexp.data.results import FrequencyResponse, Result
 from fraexp.errors import FraexpError, PluginError, StoreError
 from fraexp.figures.elements.grouping import ShownResult, group_sweeps
 from fraexp.figures.elements.label_units import label_units
@@ -152,13 +152,12 @@ class StoredFigures:
         others = [{path: value for path, value in of.labels.items() if path != AMPLITUDE_PATH} for of, _ in found]
         series = curve_names(others, [""] * len(found), units)
         return [
-            self._with_amplitude(replace(of, truth=self._truth(sweep, of.result), series=name), sweep)
+            self._with_amplitude(replace(of, truth=self._truth(sweep, of.response), series=name), sweep)
             for (sweep, of), name in zip(found, series, strict=True)
         ]
 
-    def _truth(self, sweep: StoredSweep, result: Result) -> NDArray[np.complex128] | None:
-        """Return P(jω) at the frequencies of a result if its plant is known and its plugin exists."""
-        response = result.response
+    def _truth(self, sweep: StoredSweep, response: FrequencyResponse | None) -> NDArray[np.complex128] | None:
+        """Return P(jω) at the frequencies of a response if its plant is known and its plugin exists."""
         if response is None or response.unit not in PLANT_UNITS or "plant" not in sweep.experiment:
             return None
         try:

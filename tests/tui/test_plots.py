@@ -2,8 +2,8 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -180,7 +180,7 @@ def test_points_that_had_not_settled_are_hollow_and_not_joined() -> None:
     response = gap(resonant(few), 3.9, 15.1)
     settled = response.settled.copy()
     settled[[-4, -2]] = False
-    shown([("a", SimpleNamespace(**{**vars(response), "settled": settled}))], steps)  # type: ignore[list-item]
+    shown([("a", replace(response, settled=settled))], steps)
 
 
 def test_limits_are_shaded_around_a_line_until_they_are_taken_away() -> None:

@@ -7,6 +7,7 @@ grid: one line, or one band. More groups than colours can distinguish become pan
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 from typing import NamedTuple
 
@@ -225,7 +226,7 @@ class ShownResult:
     place: CurvePlace | None = None
     """Where its curve belongs; None for a colour of its own."""
     truth: NDArray[np.complex128] | None = None
-    """P(jω) at the frequencies and in the unit of its response, shape (n,); None if it is unknown."""
+    """P(jω) at the frequencies and in the unit of its `response`, shape (n,); None if it is unknown."""
     amplitude: float = np.nan
     """Amplitude of the excitation [`amplitude_unit`]; NaN if there is none, or several."""
     amplitude_unit: str = ""
@@ -241,11 +242,11 @@ class ShownResult:
         """Name of its curve in a legend: that of its group if it shares one."""
         return self.place.group if self.place and self.place.group else self.label
 
-    @property
+    @cached_property
     def response(self) -> FrequencyResponse | None:
-        """Its response if it has at least one point, otherwise None."""
+        """Its response in the order of frequencies if it has at least one point, otherwise None."""
         found = self.result.response
-        return found if found is not None and len(found.frequency) else None
+        return found.ascending() if found is not None and len(found.frequency) else None
 
     @property
     def fitted(self) -> Curve | None:

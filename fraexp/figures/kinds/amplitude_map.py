@@ -126,7 +126,6 @@ def _map_info(
 def _amplitude_map(label: str, rows: Mapping[float, Sequence[ShownResult]], is_relative: bool) -> AmplitudeMap:
     amplitude = np.sort(np.array(list(rows)))
     frequency = max((of.response.frequency for row in rows.values() for of in row if of.response), key=len)
-    frequency = np.sort(frequency)
     levels = [_map_row(rows[value], frequency, is_relative) for value in amplitude]
     magnitude, phase, settled = (np.stack(part) for part in zip(*levels, strict=True))
     return AmplitudeMap(label, frequency, amplitude, magnitude, phase, settled)
@@ -159,11 +158,10 @@ def _interpolated_row(
     """Return a response at the frequencies of the map, and where it had settled; NaN outside of its own range."""
     response = of.response
     assert response is not None
-    order = np.argsort(response.frequency, kind="stable")
-    own, values, settled = response.frequency[order], response.response[order], response.settled[order]
+    own, values, settled = response.frequency, response.response, response.settled
     if is_relative and of.truth is not None:
         with np.errstate(invalid="ignore"):  # where the machine did not move
-            values = values / of.truth[order]
+            values = values / of.truth
     if len(own) == len(frequency) and np.allclose(own, frequency, rtol=1e-9):
         return values, settled
     usable = np.isfinite(values) & (values != 0)

@@ -68,11 +68,11 @@ def spring_line(source: FrequencyResponse, rigid_body_gain: float) -> Spring | N
     K = Re(1/G) + ω²/k0 with the rigid-body gain k0 is that of the spring beside the mass. At small amplitudes it is
     that of friction in presliding; a plant without friction moves freely, and has none.
     """
-    order = np.argsort(source.frequency, kind="stable")
-    order = order[(source.settled & np.isfinite(source.response) & (source.response != 0))[order]]
-    if source.unit not in PLANT_UNITS or order.size < MIN_SPRING_POINTS or not rigid_body_gain > 0:
+    source = source.ascending()
+    usable = source.settled & np.isfinite(source.response) & (source.response != 0)
+    if source.unit not in PLANT_UNITS or usable.sum() < MIN_SPRING_POINTS or not rigid_body_gain > 0:
         return None
-    frequency, inverse = source.frequency[order], 1 / source.response[order]
+    frequency, inverse = source.frequency[usable], 1 / source.response[usable]
     stiffness = inverse.real + (2 * np.pi * frequency) ** 2 / rigid_body_gain
     is_spring = np.abs(np.angle(inverse)) < MAX_SPRING_PHASE
     with np.errstate(invalid="ignore"):
@@ -263,11 +263,11 @@ def _reference_curve(reference: Reference, factor: float) -> BodeCurve:
 
 
 def _bode_curve(label: str, source: FrequencyResponse, factor: float, anchor: BodeCurve | None) -> BodeCurve:
-    order = np.argsort(source.frequency, kind="stable")
-    frequency, settled, response = source.frequency[order], source.settled[order], source.response[order]
-    phase = continuous_phase(degrees(response), settled, _phase_at(anchor, frequency))
-    band, turn = (each[:, order] for each in confidence_limits(source))
-    magnitude = decibel(factor * response)
+    source = source.ascending()
+    frequency, settled = source.frequency, source.settled
+    phase = continuous_phase(degrees(source.response), settled, _phase_at(anchor, frequency))
+    band, turn = confidence_limits(source)
+    magnitude = decibel(factor * source.response)
     return BodeCurve(
         label, frequency, magnitude, phase, settled, magnitude + decibel_limits(band), phase + degree_limits(turn)
     )  # fmt: skip
@@ -296,11 +296,10 @@ def _bode_model(of: Curve, factor: float, anchor: BodeCurve, source: FrequencyRe
 def _bode_sample(
     responses: Sequence[FrequencyResponse], place: CurvePlace, factor: float, anchor: BodeCurve | None
 ) -> BodeSample:
-    orders = [np.argsort(of.frequency, kind="stable") for of in responses]
-    pairs = list(zip(responses, orders, strict=True))
-    frequency = stack_padded([of.frequency[order] for of, order in pairs])
-    response = stack_padded([of.response[order] for of, order in pairs])
-    settled = stack_padded([of.settled[order] for of, order in pairs], missing=False)
+    ordered = [of.ascending() for of in responses]
+    frequency = stack_padded([of.frequency for of in ordered])
+    response = stack_padded([of.response for of in ordered])
+    settled = stack_padded([of.settled for of in ordered], missing=False)
     phase = continuous_phase(degrees(response), settled, _phase_at(anchor, frequency))
     return BodeSample(place.group, place.sample, frequency, decibel(factor * response), phase, settled)
 

@@ -36,14 +36,13 @@ def coherence_info(shown: Sequence[ShownResult], title: str = "") -> CoherenceIn
     rows: dict[str, list[GroupedLine]] = {part: [] for part in AXIS_TITLES}
     for of, place in zip(shown, curve_places(shown), strict=True):
         if (response := of.response) is not None:
-            order = np.argsort(response.frequency, kind="stable")
             known: dict[str, NDArray[np.float64] | None] = {
                 "coherence": response.coherence, "distortion": 100 * response.distortion,
             }  # fmt: skip
             for part, values in known.items():
                 if values is not None and np.isfinite(values).any():
-                    x, settled = response.frequency[order], response.settled[order]
-                    rows[part].append(GroupedLine(of.label, place, x, values[order], settled, key=of.key))
+                    line = GroupedLine(of.label, place, response.frequency, values, response.settled, key=of.key)
+                    rows[part].append(line)
     rows = {part: lines for part, lines in rows.items() if lines}
     if not rows:
         raise FraexpError(

@@ -62,25 +62,25 @@ class _CommonPoints(NamedTuple):
     """Index of each in the reference, shape (n,)."""
     ratio: NDArray[np.complex128]
     """Shape (n,)."""
-    order: NDArray[np.intp]
-    """Indices of the other response in ascending frequency."""
     usable: NDArray[np.bool_]
-    """Whether each of these is settled and known."""
+    """Whether each point of the other response is settled and known."""
 
 
 def _common_points(reference: FrequencyResponse, other: FrequencyResponse) -> _CommonPoints | None:
-    """Return the ratio of `other` to `reference`, which is interpolated where the grids differ; None without one."""
-    chosen, order = np.argsort(reference.frequency, kind="stable"), np.argsort(other.frequency, kind="stable")
-    chosen, usable = chosen[_usable(reference)[chosen]], _usable(other)[order]
-    theirs, frequency = other.frequency[order][usable], reference.frequency[chosen]
+    """Return the ratio of `other` to `reference`, which is interpolated where the grids differ; None without one.
+
+    The frequencies of both ascend.
+    """
+    chosen, usable = np.flatnonzero(_usable(reference)), _usable(other)
+    theirs, frequency = other.frequency[usable], reference.frequency[chosen]
     if len(theirs):
         low, high = theirs[0] * (1 - FREQUENCY_TOLERANCE), theirs[-1] * (1 + FREQUENCY_TOLERANCE)
         inside = (low <= frequency) & (frequency <= high)
         frequency, chosen = frequency[inside], chosen[inside]
     if not len(theirs) or not len(frequency):
         return None
-    found = on_frequencies(frequency, theirs, other.response[order][usable])
-    return _CommonPoints(frequency, chosen, found / reference.response[chosen], order, usable)
+    found = on_frequencies(frequency, theirs, other.response[usable])
+    return _CommonPoints(frequency, chosen, found / reference.response[chosen], usable)
 
 
 def response_difference(reference: FrequencyResponse, other: FrequencyResponse) -> Difference | None:
@@ -88,10 +88,11 @@ def response_difference(reference: FrequencyResponse, other: FrequencyResponse) 
 
     Where the grids differ, `other` is interpolated: ln|G| and the unwrapped phase, linear in log frequency.
     """
+    reference, other = reference.ascending(), other.ascending()
     common = _common_points(reference, other) if reference.unit == other.unit else None
     if common is None:
         return None
-    theirs, frequency = other.frequency[common.order][common.usable], common.frequency
+    theirs, frequency = other.frequency[common.usable], common.frequency
     distance = np.abs(theirs[_nearest_index(frequency, theirs)] - frequency)
     interpolated = bool(np.any(distance > FREQUENCY_TOLERANCE * frequency))
     return _summary(frequency, decibel(common.ratio), degrees(common.ratio), interpolated)
@@ -172,13 +173,14 @@ def difference_curve(
     between two of its frequencies counts as settled only if both are. The 95 % limits are those of
     independent estimates.
     """
+    reference, other = reference.ascending(), other.ascending()
     common = _common_points(reference, other)
     if common is None:
         return None
-    frequency, chosen, ratio, order, usable = common
-    settled = _is_between_usable(frequency, other.frequency[order], usable)
+    frequency, chosen, ratio, usable = common
+    settled = _is_between_usable(frequency, other.frequency, usable)
     magnitude, phase = decibel(ratio), continuous_phase(degrees(ratio), settled, np.zeros(len(frequency)))
-    nearest = order[_nearest_index(frequency, other.frequency[order])]
+    nearest = _nearest_index(frequency, other.frequency)
     theirs_band, own_band = _log_limits(other, nearest), _log_limits(reference, chosen)
     spread = [_combined_limits(of, to) for of, to in zip(theirs_band, own_band, strict=True)]
     return ErrorCurve(

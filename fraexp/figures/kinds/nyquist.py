@@ -77,7 +77,8 @@ def nyquist_info(shown: Sequence[ShownResult], reference: Reference | None = Non
     known = None
     if reference is not None:
         label, frequency, response = reference
-        known = _curve(label, factor, frequency, response, np.ones(len(frequency), dtype=bool))
+        order = np.argsort(frequency)
+        known = _curve(label, factor, frequency[order], response[order], np.ones(len(frequency), dtype=bool))
     return NyquistInfo(tuple(curves), known, unit, title or "Frequency response in the complex plane")
 
 
@@ -89,10 +90,9 @@ def _curve(
     settled: NDArray[np.bool_],
     place: CurvePlace = OWN_PLACE,
 ) -> NyquistCurve:
-    order = np.argsort(frequency, kind="stable")
     scaled = factor * response
-    shown = np.where(np.isfinite(scaled), scaled, np.nan)[order]
-    return NyquistCurve(label, place, shown.real, shown.imag, settled[order], frequency=frequency[order])
+    shown = np.where(np.isfinite(scaled), scaled, np.nan)
+    return NyquistCurve(label, place, shown.real, shown.imag, settled, frequency=frequency)
 
 
 def draw_nyquist(info: NyquistInfo) -> "Figure":

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.analysis.confidence import confidence_limits
-from fraexp.data.results import EFFORT, Metric, Result
+from fraexp.data.results import EFFORT, FrequencyResponse, Metric
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
 from fraexp.figures.elements.bands import MAX_SINGLE_CURVES
@@ -97,9 +97,7 @@ def errors_info(
     `spots` outside of the range of the responses are left out.
     """
     curves = tuple(
-        error_curve(of.label, of.result, of.truth, of.key, of.place)
-        for of in shown
-        if of.truth is not None and of.response is not None
+        _error_curve(of, of.response, of.truth) for of in shown if of.truth is not None and of.response is not None
     )
     if not curves:
         raise FraexpError("errors: found no response of a simulated plant; choose sweeps of a loop, in m/N")
@@ -109,28 +107,23 @@ def errors_info(
     return ErrorsInfo(curves, in_range, title or "Error against P(jω)")
 
 
-def error_curve(
-    label: str, result: Result, truth: NDArray[np.complex128], key: str = "", place: CurvePlace | None = None
-) -> ErrorCurve:
-    """Return the error of a result's response against P(jω), shape (n,), at its own frequencies."""
-    response = result.response
-    assert response is not None
-    order = np.argsort(response.frequency, kind="stable")
+def _error_curve(of: ShownResult, response: FrequencyResponse, truth: NDArray[np.complex128]) -> ErrorCurve:
+    """Return the error of a response against P(jω), shape (n,), at its own frequencies."""
     with np.errstate(invalid="ignore"):  # where the machine did not move
-        ratio = (response.response / truth)[order]
-    band, turn = (each[:, order] for each in confidence_limits(response))
+        ratio = response.response / truth
+    band, turn = confidence_limits(response)
     magnitude, phase = decibel(ratio), degrees(ratio)
     return ErrorCurve(
-        label=label,
-        frequency=response.frequency[order],
+        label=of.label,
+        frequency=response.frequency,
         magnitude=magnitude,
         phase=phase,
-        settled=response.settled[order],
+        settled=response.settled,
         magnitude_band=magnitude + decibel_limits(band),
         phase_band=phase + degree_limits(turn),
-        cost=tuple(metric for name in EFFORT for metric in result.metrics if metric.name == name),
-        key=key,
-        place=place,
+        cost=tuple(metric for name in EFFORT for metric in of.result.metrics if metric.name == name),
+        key=of.key,
+        place=of.place,
     )
 
 

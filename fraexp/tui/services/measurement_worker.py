@@ -236,15 +236,14 @@ def labels_of(task: MeasurementTask) -> list[str]:
 
 def join_responses(parts: Sequence[FrequencyResponse]) -> FrequencyResponse:
     """Return the points of several responses of one estimator as one, by increasing frequency."""
-    order = np.argsort(np.concatenate([part.frequency for part in parts]), kind="stable")
     joined: dict[str, Any] = {}
     for field in fields(FrequencyResponse):
         values = [getattr(part, field.name) for part in parts]
         if any(value is None for value in values):
             joined[field.name] = None
         else:
-            joined[field.name] = np.concatenate(values)[order] if isinstance(values[0], np.ndarray) else values[0]
-    return FrequencyResponse(**joined)
+            joined[field.name] = np.concatenate(values) if isinstance(values[0], np.ndarray) else values[0]
+    return FrequencyResponse(**joined).ascending()
 
 
 def stage_changes(event: StageBegun | EvaluationBegun) -> dict[str, Any]:
