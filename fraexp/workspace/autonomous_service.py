@@ -30,7 +30,7 @@ from fraexp.study.study_file import describe_study, find_study, outline
 from fraexp.workspace.measurement_service import kept_text, missing_consents, results_at
 from fraexp.workspace.workspace_service import WorkspaceService
 
-ESTIMATOR = "dictionary_identification"
+ESTIMATOR = "plant_and_law"
 """Estimator that needs to know nothing of a machine but units."""
 LIVE_ESTIMATOR = {"name": "conventional", "refer_to_plant": False}
 """Estimator of what is shown of each point while the measurement goes on."""

@@ -1,6 +1,7 @@
 """The numbers of a friction law, whichever it is: with other scales, and as the search for a fit sees them."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from copy import copy
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -148,7 +149,7 @@ class LawNumbers:
     fractions that add up to 1.
     """
 
-    def __init__(self, model: FrictionModel) -> None:
+    def __init__(self, model: FrictionModel, fixed: Collection[str] = ()) -> None:
         self.start = model
         known = [each for name in type(model).model_fields for each in _numbers_of(model, name)]
         self._force = next((each for each in known if each.unit == "N" and each.place is None), None)
@@ -158,8 +159,36 @@ class LawNumbers:
             for each in known
             if each.unit == "1" and each.place == 0 and np.isclose(sum(getattr(model, each.field)), 1.0)
         }
-        fixed = [each is self._force or (each.field in self._shares and each.place == 0) for each in known]
-        self._free = [place for place, is_fixed in enumerate(fixed) if not is_fixed]
+        self._free = [
+            place
+            for place, each in enumerate(known)
+            if each is not self._force
+            and each.field not in fixed
+            and not (each.field in self._shares and each.place == 0)
+        ]
+
+    def above(self, bases: Mapping[str, float]) -> "LawNumbers":
+        """Return the numbers with bounds below for some units, for a first force of 1 N."""
+        found = copy(self)
+        found.numbers = [each._replace(base=bases.get(each.unit, each.base)) for each in self.numbers]
+        return found
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the coordinates."""
+        return tuple(self.numbers[place].unit for place in self._free)
+
+    def coordinates_at(self, sizes: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return the coordinates of numbers with given distances from their bounds by unit; others as at the start."""
+        chosen = [self.numbers[place] for place in self._free]
+        values = [each.base + sizes.get(each.unit, each.value - each.base) for each in chosen]
+        return np.array([each._replace(value=value).coordinate() for each, value in zip(chosen, values, strict=True)])
+
+    def force_excess(self, coordinates: NDArray[np.float64]) -> float:
+        """Return the greatest force that is bounded by the first one, over that, less 1; 0 if there is none."""
+        values = zip(self.numbers, self.values(coordinates).tolist(), strict=True)
+        bounded = [value / each.base - 1 for each, value in values if each.unit == "N" and each.base]
+        return max(bounded, default=0.0)
 
     def _bounded(self, number: LawNumber) -> LawNumber:
         """Return a number with the first force as its bound, if the law allows no less."""

@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from fraexp.api import Curve, Fit, FrictionModel, Metric, RecordError, Result, Signals, param
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
-from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
-from fraexp_plugins.estimators._shared.realisations import Part, circular_covariance, combine_parts
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
@@ -23,14 +21,13 @@ from fraexp_plugins.identification.autonomous._shared.autonomous_elements import
 from fraexp_plugins.identification.autonomous._shared.autonomous_lines import (
     ElementObserver,
     SpectralLines,
-    StopElements,
     noise_variances,
     spectral_lines,
 )
 from fraexp_plugins.identification.autonomous._shared.autonomous_plant import (
     IdentifiedPlant,
-    InverseResponse,
     identify_plant,
+    response_of,
 )
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 
@@ -123,9 +120,8 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=4):
         used = usable_signals(signals, self.output, self.name)
         lines, elements = self._elements(used)
         self._check(lines, elements)
-        found = self._response(used, lines, elements)
+        found, inverse = response_of(used, (self.input, self.output), lines, elements)
         assert found.response is not None
-        inverse = InverseResponse(lines.frequency, elements.inverse, elements.noise, elements.inverse_columns)
         try:
             with np.errstate(all="ignore"):  # where nothing is identifiable
                 plant, remark = identify_plant(inverse, found.response, self._modal()), ""
@@ -151,7 +147,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=4):
         """Return the records at each line, and the elements in them."""
         bare = self._observer(Frictionless())
         grid = self._grid(signals, bare)
-        lines = spectral_lines(signals, bare, StopElements(grid))
+        lines = spectral_lines(signals, bare, grid)
         if not lines.equations:
             raise RecordError(
                 "plant_and_friction: each line is in one record; expected several: record two amplitudes, a factor of "
@@ -167,7 +163,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=4):
 
     def _grid(self, signals: Signals, observer: ElementObserver) -> NDArray[np.float64]:
         """Return thresholds [m] from below the smallest line's amplitude to the largest motion."""
-        bare = spectral_lines(signals, observer, StopElements(np.empty(0)))
+        bare = spectral_lines(signals, observer)
         largest = _largest_swing(signals, self.output)
         smallest = max(float(np.abs(bare.motion[bare.known]).min()), 2 * self.resolution, 2 * self.noise)
         return np.geomspace(
@@ -190,34 +186,6 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=4):
             f"plant_and_friction: y'/u scatters by {before:.2g} over the records, of which noise explains "
             f"{explained:.2g}; {remedy}"
         )
-
-    def _response(self, signals: Signals, lines: SpectralLines, elements: AutonomousElements) -> Result:
-        """Return P̂ before linear forces are removed."""
-        effective = np.abs(lines.thrust - lines.deflection @ elements.stiffness)
-        response = 1 / elements.inverse
-        variance = np.abs(response) ** 4 * elements.noise
-        count = lines.known.sum(axis=1)
-        parts, begin = [], 0
-        for group in lines.groups:
-            segments = tuple(signals.segments[place] for place in group)
-            rows = slice(begin, begin + segments[0].lines.size)
-            begin = rows.stop
-            parts.append(
-                Part(
-                    segments,
-                    lines.frequency[rows],
-                    response[rows],
-                    circular_covariance(variance[rows]),
-                    np.inf,
-                    (np.where(lines.known, effective, 0.0).sum(axis=1) / count)[rows],
-                    (np.abs(lines.motion).sum(axis=1) / count)[rows],
-                )
-            )
-        units = signals.unit(self.input), signals.unit(self.output)
-        found = combine_parts(signals, parts, names=(EFFECTIVE_INPUT, self.output), units=units)
-        assert found.response is not None
-        inverse = InverseResponse(lines.frequency, elements.inverse, elements.noise, elements.inverse_columns)
-        return replace(found, response=replace(found.response, model_covariance=inverse.friction_covariance()))
 
     def _result(
         self,

@@ -1,7 +1,8 @@
 """The records of a joint identification at each line: thrust, motion, and the deflections of friction elements."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,32 +25,9 @@ in which friction forgets how it began."""
 ROUNDING_SEED = 0
 """Seed of the alternative rounding errors."""
 
+NO_THRESHOLDS = np.empty(0)
 SegmentPlaces = tuple[int, ...]
 """Places of the segments with the same frequencies: records of the same lines at several amplitudes or phases."""
-
-
-class DrivenElements(Protocol):
-    """Friction elements that a motion drives."""
-
-    @property
-    def widths(self) -> NDArray[np.float64]:
-        """Factor [m] that makes a stiffness [N/m] of each element its force, shape (N,)."""
-
-    def columns(self, motion: Motion) -> NDArray[np.float64]:
-        """Return the deflection [m] of each element along a period of motion, in the steady state, shape (n, N)."""
-
-
-@dataclass(frozen=True)
-class StopElements:
-    """Elasto-slide elements."""
-
-    widths: NDArray[np.float64]
-    """Their thresholds [m], shape (N,)."""
-
-    def columns(self, motion: Motion) -> NDArray[np.float64]:
-        """Return z_i [m] along a period of motion, shape (n, N)."""
-        # the state before the first slip has no effect after one period
-        return stop_operators(history(motion), self.widths)[-motion.displacement.size :]
 
 
 class ElementObserver(EffectiveInput):
@@ -63,9 +41,11 @@ class ElementObserver(EffectiveInput):
         path = self.input_path(omega, segment.sample_time) * self.output_path(omega)
         return path * mean(phasors(segment, self.input))
 
-    def deflections(self, segment: Segment, elements: DrivenElements) -> NDArray[np.complex128]:
-        """Return the phasors [m] of the deflections of elements, shape (lines, N)."""
-        columns = elements.columns(self.with_drift(self.periodic_motion(segment), segment))
+    def deflections(self, segment: Segment, thresholds: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return the phasors [m] of the deflections of elements with thresholds [m], shape (lines, N)."""
+        motion = self.with_drift(self.periodic_motion(segment), segment)
+        # the state before the first slip has no effect after one period
+        columns = stop_operators(history(motion), thresholds)[-motion.displacement.size :]
         return fourier_sums(np.ascontiguousarray(columns.T), segment.lines).T
 
     def periodic_motion(self, segment: Segment) -> Motion:
@@ -111,6 +91,14 @@ class SpectralLines:
         """Number of real equations once P is eliminated at each line."""
         return int(2 * np.sum(np.maximum(self.known.sum(axis=1) - 1, 0)))
 
+    def places(self, signals: Signals) -> Iterator[tuple[int, tuple[slice, int]]]:
+        """Yield the place of each segment, with its rows among the lines and its place among their records."""
+        begin = 0
+        for group in self.groups:
+            end = begin + signals.segments[group[0]].lines.size
+            yield from ((place, (slice(begin, end), record)) for record, place in enumerate(group))
+            begin = end
+
 
 def _groups(signals: Signals) -> tuple[SegmentPlaces, ...]:
     """Return the places of the segments with the same frequencies, in the order of their first segments."""
@@ -151,19 +139,21 @@ def history(motion: Motion) -> NDArray[np.float64]:
     return np.concatenate([before, motion.displacement])
 
 
-def spectral_lines(signals: Signals, observer: ElementObserver, elements: DrivenElements) -> SpectralLines:
-    """Return thrust and motion of all records at each line, and the deflections of elements."""
+def spectral_lines(
+    signals: Signals, observer: ElementObserver, thresholds: NDArray[np.float64] = NO_THRESHOLDS
+) -> SpectralLines:
+    """Return thrust and motion of all records at each line, and the deflections of elements with thresholds [m]."""
     groups = _groups(signals)
     records = max(len(group) for group in groups)
     parts = []
     for group in groups:
         lines = signals.segments[group[0]].lines.size
         u, y = np.zeros((2, lines, records), dtype=complex)
-        z = np.zeros((lines, records, elements.widths.size), dtype=complex)
+        z = np.zeros((lines, records, thresholds.size), dtype=complex)
         for record, place in enumerate(group):
             segment = signals.segments[place]
             u[:, record], y[:, record] = observer.thrust(segment), mean(phasors(segment, observer.output))
-            z[:, record] = observer.deflections(segment, elements)
+            z[:, record] = observer.deflections(segment, thresholds)
         frequency, known = signals.segments[group[0]].frequency, (u != 0) & (y != 0)
         if not known.any(axis=1).all():
             raise RecordError(
@@ -173,6 +163,14 @@ def spectral_lines(signals: Signals, observer: ElementObserver, elements: Driven
         times = np.full(lines, signals.segments[group[0]].sample_time)
         parts.append((frequency, u, y, z, known, times))
     return SpectralLines(groups, observer.delays, *(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def delayed_lines(lines: SpectralLines, dead_time: float) -> SpectralLines:
+    """Return the lines with a thrust that comes later by a dead time [s]; the hold's images come later too."""
+    omega, known = 2 * np.pi * lines.frequency, lines.delays
+    later = known._replace(input_dead_time=known.input_dead_time + dead_time)
+    turn = later.input_path(omega, lines.sample_time) / known.input_path(omega, lines.sample_time)
+    return replace(lines, thrust=lines.thrust * turn[:, None], delays=later)
 
 
 def noise_variances(
@@ -192,17 +190,13 @@ def noise_variances(
     )
     of_segment = list(errors)
     found = np.full(lines.thrust.shape, np.nan)
-    begin = 0
-    for group in lines.groups:
-        end = begin + signals.segments[group[0]].lines.size
-        for record, place in enumerate(group):
-            first, other = of_segment[place]
-            error = first - inverse[begin:end] * phasors(signals.segments[place], observer.output)
-            found[begin:end, record] = _variance_of_mean(error)
-            if other is not None:
-                again = other - inverse[begin:end] * phasors(rounded[place], observer.output)
-                found[begin:end, record] += np.abs(mean(again) - mean(error)) ** 2
-        begin = end
+    for place, (rows, record) in lines.places(signals):
+        first, other = of_segment[place]
+        error = first - inverse[rows] * phasors(signals.segments[place], observer.output)
+        found[rows, record] = _variance_of_mean(error)
+        if other is not None:
+            again = other - inverse[rows] * phasors(rounded[place], observer.output)
+            found[rows, record] += np.abs(mean(again) - mean(error)) ** 2
     return _smoothed_variances(lines, found)
 
 
@@ -210,6 +204,20 @@ def _with_other_rounding(segment: Segment, observer: ElementObserver, generator:
     """Return a segment with another rounding error, the same in each period, as in the steady state."""
     change = generator.uniform(-observer.resolution / 2, observer.resolution / 2, segment.samples)
     return replace(segment, channels={**segment.channels, observer.output: segment.channels[observer.output] + change})
+
+
+def scatter_noise(
+    signals: Signals, lines: SpectralLines, observer: ElementObserver, inverse: NDArray[np.complex128]
+) -> NDArray[np.float64]:
+    """Return the variance [N²] of G U - Y/P̂ by the scatter of the periods and by rounding, shape (L, M)."""
+    found = np.zeros(lines.thrust.shape)
+    for place, (rows, record) in lines.places(signals):
+        segment = signals.segments[place]
+        path = observer.input_path(2 * np.pi * segment.frequency, segment.sample_time)
+        error = path * phasors(segment, observer.input) - inverse[rows] * phasors(segment, observer.output)
+        rounding = observer.resolution**2 / 6 / (segment.samples * len(error))
+        found[rows, record] = _variance_of_mean(error) + np.abs(inverse[rows]) ** 2 * rounding
+    return found
 
 
 def _variance_of_mean(values: NDArray[np.complex128]) -> NDArray[np.float64]:

@@ -9,7 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Fit, FrequencyResponse, RecordError, Result
+from fraexp.api import Fit, FrequencyResponse, RecordError, Result, Signals
+from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
+from fraexp_plugins.estimators._shared.realisations import Part, circular_covariance, combine_parts
+from fraexp_plugins.identification.autonomous._shared.autonomous_elements import AutonomousElements
+from fraexp_plugins.identification.autonomous._shared.autonomous_lines import SpectralLines
 from fraexp_plugins.identification.plant._shared.modal_model import ModalModel, log_response
 from fraexp_plugins.identification.plant._shared.modal_solver import Solution, fit_of_order
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
@@ -47,6 +51,28 @@ class InverseResponse:
         columns = np.concatenate([self.columns, *(column[:, None] for column in more)], axis=1)
         parts = np.stack([columns.real, columns.imag], axis=1)
         return parts @ parts.transpose(0, 2, 1)
+
+
+def response_of(
+    signals: Signals, channels: tuple[str, str], lines: SpectralLines, elements: AutonomousElements
+) -> tuple[Result, InverseResponse]:
+    """Return P̂ between control input and position, before linear forces are removed, and 1/P̂."""
+    effective = np.abs(lines.thrust - lines.deflection @ elements.stiffness)
+    inverse = InverseResponse(lines.frequency, elements.inverse, elements.noise, elements.inverse_columns)
+    response, count = 1 / elements.inverse, lines.known.sum(axis=1)
+    band = circular_covariance(np.abs(response) ** 4 * elements.noise)
+    amplitudes = np.where(lines.known, effective, 0.0).sum(axis=1) / count, np.abs(lines.motion).sum(axis=1) / count
+    parts, begin = [], 0
+    for group in lines.groups:
+        segments = tuple(signals.segments[place] for place in group)
+        rows = slice(begin, begin + segments[0].lines.size)
+        begin = rows.stop
+        sizes = (amplitudes[0][rows], amplitudes[1][rows])
+        parts.append(Part(segments, lines.frequency[rows], response[rows], band[rows], np.inf, *sizes))
+    units = signals.unit(channels[0]), signals.unit(channels[1])
+    found = combine_parts(signals, parts, names=(EFFECTIVE_INPUT, channels[1]), units=units)
+    assert found.response is not None
+    return replace(found, response=replace(found.response, model_covariance=inverse.friction_covariance())), inverse
 
 
 @dataclass(frozen=True)

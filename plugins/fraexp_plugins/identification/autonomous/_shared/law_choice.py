@@ -1,35 +1,29 @@
 """Which friction law explains records at several amplitudes, with the interval of its Coulomb force."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Signals
+from fraexp.api import FrictionModel, Signals
 from fraexp_plugins.identification.autonomous._shared.autonomous_lines import ElementObserver
-from fraexp_plugins.identification.autonomous._shared.law_elements import (
-    BristleElements,
-    DahlElements,
-    ElastoplasticElements,
-    LawElements,
-    RollingElements,
-    WeakeningElements,
-)
+from fraexp_plugins.identification.autonomous._shared.law_elements import LawElements, built_in_laws, unit_law
 from fraexp_plugins.identification.autonomous._shared.law_interval import (
     INTERVAL_STDS,
+    LawProfile,
     LawUncertainty,
     law_uncertainty,
 )
-from fraexp_plugins.identification.autonomous._shared.law_profile import LawProfile
 from fraexp_plugins.identification.autonomous._shared.law_records import LawRecords, LawSolution
 
 SEARCH_STEP = 3
 """Every third frequency is taken in the search for a law; all of them judge it."""
-ROLLING_THRESHOLDS, WEAKENING_THRESHOLDS = 80, 40
-"""Numbers of thresholds."""
+THRESHOLD_COUNTS = 80, 40
+"""Numbers of thresholds of rolling elements, and of others."""
 THRESHOLD_RANGE = (1e-5, 0.7)
 """Range of thresholds over the largest motion."""
 START_WIDTHS, START_VELOCITIES, START_EXCESS = np.geomspace(1e-4, 0.16, 9), (3e-3, 3e-2), 0.2
@@ -39,8 +33,8 @@ RESTART_VELOCITY = 0.3
 """The same velocity for bristles once those have led to no law: a search from Dahl's width may never leave it."""
 WEAKENING_VELOCITIES = (*START_VELOCITIES, 0.1, 0.4, 1.0)
 """The same velocities for elements that weaken: they may do so in fast sliding alone, which bristles cannot hide."""
-START_ODDS, START_WIDTH_RATIOS = 1.5, (0.4, 0.8, 1.6)
-"""Elastic limit over the rest of the width at which a search begins, and widths over that of LuGre's law."""
+START_WIDTH_RATIOS = (0.4, 0.8, 1.6)
+"""Widths of elastoplastic bristles over that of LuGre's law, at which a search may begin."""
 START_RELAXATIONS = (0.03, 0.15, 0.75, 3.0, 12.0)
 """Relaxation times over the sample time, one of which is taken: up to 1.7 times as long ones are made of it."""
 START_RATES_S = (10.0, 60.0)
@@ -72,18 +66,15 @@ NARROW_RANGES, NARROW_RATIO = (0.05, 0.2), 1.15
 """Widths over the largest motion beyond which a law may have no elements, and residual without these over that with
 them up to which they are left out."""
 
-LawStart = tuple[float, ...]
-
 
 class LawFamily(NamedTuple):
-    """Laws that differ in their shape parameters alone."""
+    """Laws that differ in their shape alone."""
 
-    elements: Callable[[NDArray[np.float64]], LawElements]
-    """Makes the forces of shape parameters."""
-    starts: list[LawStart]
-    is_linear: bool = False
-    """Whether a start is as good as its best shape."""
-    restarts: Sequence[LawStart] = ()
+    elements: LawElements
+    """The forces of a law, of some shape."""
+    starts: list[NDArray[np.float64]]
+    """Shapes at which a search may begin."""
+    restarts: Sequence[NDArray[np.float64]] = ()
     """Starts of a second search, where the first one leads to no good law."""
 
 
@@ -155,10 +146,12 @@ def choose_law(
     observer: ElementObserver,
     inverse: tuple[NDArray[np.float64], NDArray[np.complex128]],
     is_delayed: bool,
+    others: Sequence[FrictionModel] = (),
 ) -> LawChoice:
     """Return the law that explains the records best, with a rough 1/P̂ [N/m] at its frequencies [Hz].
 
-    With `is_delayed` a dead time is found too, beside that of the observer.
+    With `is_delayed` a dead time is found too, beside that of the observer. Besides the laws that fraexp has, `others`
+    are tried: of any law, with numbers at which a search may begin.
 
     The law drives friction along the measured motion: G U = Y/P̂ + F(y) at each line and its odd harmonics, with a free
     1/P̂ at each of them. What is linear is eliminated (variable projection: G. H. Golub and V. Pereyra, SIAM J.
@@ -188,7 +181,7 @@ def choose_law(
                     break
             uncertainty.cache_clear()
 
-    for family in _families(bare, fits):
+    for family in _families(bare, fits, others):
         fit, place = _searched(family, some, is_delayed), len(fits)
         is_hopeless = fit.residual > HOPELESS_RATIO * min((each.residual for each in fits), default=np.inf)
         fits.append(fit if is_hopeless else _judged(fit, some, records))
@@ -219,35 +212,51 @@ def _best(fits: Sequence[LawFit]) -> LawFit:
     return min((fit for fit in fits if fit.sizes.size), key=lambda fit: fit.residual)
 
 
-def _families(records: LawRecords, fits: Sequence[LawFit]) -> Iterator[LawFamily]:
+def _families(records: LawRecords, fits: Sequence[LawFit], others: Sequence[FrictionModel]) -> Iterator[LawFamily]:
     """Yield the laws, the cheapest ones first; `fits` are those that were fitted already."""
     largest = _largest_motion(records)
     velocity = float((2 * np.pi * records.lines.frequency[:, None] * np.abs(records.lines.motion)).max())
     sample_time = records.signals.segments[0].sample_time
-    thresholds = largest * np.geomspace(*THRESHOLD_RANGE, ROLLING_THRESHOLDS)
+    laws, widths = built_in_laws(velocity), (largest * START_WIDTHS).tolist()
+    near, some, few = (np.empty(0), *(largest * np.geomspace(*THRESHOLD_RANGE, n) for n in THRESHOLD_COUNTS))
+    rolling = LawElements(laws["rolling"], np.empty(0), some)
+    relaxations = [{"N s/m": ratio * sample_time} for ratio in START_RELAXATIONS]
+    yield LawFamily(rolling, [rolling.starting_at(each) for each in relaxations])
+    dahl = LawElements(laws["dahl"], np.empty(0), near)
+    yield LawFamily(dahl, [dahl.starting_at({"N/m": 1 / width}) for width in widths])
+    width = float(np.exp(-fits[-1].elements.shape[0]))
+    lugre = LawElements(laws["lugre"], np.empty(0), near)
     yield LawFamily(
-        lambda shape: RollingElements(shape, thresholds), [(ratio * sample_time,) for ratio in START_RELAXATIONS], True
+        lugre,
+        _starts(lugre, (width, *widths), START_VELOCITIES, velocity),
+        _starts(lugre, widths, (RESTART_VELOCITY,), velocity),
     )
-    yield LawFamily(DahlElements, [(ratio * largest,) for ratio in START_WIDTHS.tolist()])
-    width = float(np.exp(fits[-1].elements.shape[0]))
-    bristles: list[LawStart] = [
-        (start, START_EXCESS, part * velocity)
-        for start in (width, *(largest * START_WIDTHS).tolist())
-        for part in START_VELOCITIES
-    ]
-    again = [(start, START_EXCESS, RESTART_VELOCITY * velocity) for start in (largest * START_WIDTHS).tolist()]
-    yield LawFamily(BristleElements, bristles, restarts=again)
-    near = np.exp(fits[-1].elements.shape)
-    curves = [near[1:].tolist(), *([START_EXCESS, part * velocity] for part in START_VELOCITIES)]
-    yield LawFamily(
-        ElastoplasticElements,
-        [(ratio * near[0], *curve, START_ODDS) for ratio in START_WIDTH_RATIOS for curve in curves],
-    )
-    few = largest * np.geomspace(*THRESHOLD_RANGE, WEAKENING_THRESHOLDS)
-    yield LawFamily(
-        lambda shape: WeakeningElements(shape, few, 2 * float(records.lines.frequency.min())),
-        [(START_EXCESS, part * velocity, rate) for part in WEAKENING_VELOCITIES for rate in START_RATES_S],
-    )
+    best = np.exp(fits[-1].elements.shape)  # stiffness, excess and velocity
+    bristles = LawElements(laws["elastoplastic"], np.empty(0), near)
+    own = [bristles.starting_at({"N/m": best[0] / ratio, "N": best[1], "m/s": best[2]}) for ratio in START_WIDTH_RATIOS]
+    ratios = [ratio / float(best[0]) for ratio in START_WIDTH_RATIOS]
+    yield LawFamily(bristles, [*own, *_starts(bristles, ratios, START_VELOCITIES, velocity)])
+    for model in others:
+        law = LawElements(unit_law(model), np.empty(0), near)
+        law = replace(law, thresholds=few) if law.has_elements else law
+        yield LawFamily(law, [law.starting_at({}), *_starts(law, widths, START_VELOCITIES, velocity)])
+    lowest = 2 * float(records.lines.frequency.min())
+    weakening = LawElements(laws["gms"], np.empty(0), few, lowest)
+    yield LawFamily(weakening, _starts(weakening, (1.0,), WEAKENING_VELOCITIES, velocity))
+
+
+def _starts(
+    law: LawElements, widths: Sequence[float], velocities: Sequence[float], velocity: float
+) -> list[NDArray[np.float64]]:
+    """Return shapes with these widths [m], Stribeck velocities over a velocity [m/s], and rates if the law has any."""
+    found: list[NDArray[np.float64]] = []
+    rates = START_RATES_S if "N/s" in law.units else (1.0,)
+    for width, part, rate in product(widths, velocities, rates):
+        sizes = {"N/m": 1 / width, "m": width, "N": START_EXCESS, "m/s": part * velocity, "N/s": rate}
+        start = law.starting_at(sizes)
+        if not any(np.array_equal(start, other) for other in found):
+            found.append(start)
+    return found
 
 
 def _largest_motion(records: LawRecords) -> float:
@@ -263,38 +272,40 @@ def _searched(family: LawFamily, records: LawRecords, is_delayed: bool) -> LawFi
     return min(fit, _searched_from(family, family.restarts, records, is_delayed), key=lambda each: each.residual)
 
 
-def _searched_from(family: LawFamily, begins: Sequence[LawStart], records: LawRecords, is_delayed: bool) -> LawFit:
+def _searched_from(
+    family: LawFamily, begins: Sequence[NDArray[np.float64]], records: LawRecords, is_delayed: bool
+) -> LawFit:
     """Return the law to which the best start leads, with a grid that is refined once."""
     sample_time = records.signals.segments[0].sample_time
     search = _Search(records, family.elements)
     delays = START_DEAD_TIMES if is_delayed else (0.0,)
-    starts = [np.array([delay, *np.log(start)]) for start in begins for delay in delays]
+    starts = [np.array([delay, *start]) for start in begins for delay in delays]
     best = min(starts, key=search.cost)
     if not search.solve_for(best).sizes.any():  # a search that begins with no force finds none
         best = min(starts, key=lambda each: float(np.sum(search.solve_for(each).residual ** 2)))
     for _ in range(2):
-        best = search.minimised(best, family.is_linear, is_delayed)
+        best = search.minimised(best, is_delayed)
         elements = search.elements(best[1:])
         finer = elements.refine(search.solve_for(best).sizes)
         if finer is elements:
             break
-        search = _Search(records, partial(_with_shape, finer))
+        search = _Search(records, finer)
     left = float(np.sqrt(np.sum(search.solve_for(best).residual ** 2) / records.equations))
     delay = max(float(best[0]), 0.0) * sample_time
     return LawFit(search.elements(best[1:]), np.empty(0), left, 0.0, delay)
 
 
-def _with_shape(elements: LawElements, shape: NDArray[np.float64]) -> LawElements:
-    return replace(elements, shape=shape)
-
-
 class _Search:
     """What the laws of a family leave of some records, by dead time [samples] and shape."""
 
-    def __init__(self, records: LawRecords, elements: Callable[[NDArray[np.float64]], LawElements]) -> None:
-        self._records, self.elements = records, elements
+    def __init__(self, records: LawRecords, elements: LawElements) -> None:
+        self._records, self._elements = records, elements
         self._sample_time = records.signals.segments[0].sample_time
         self._known: dict[bytes, NDArray[np.complex128]] = {}
+
+    def elements(self, shape: NDArray[np.float64]) -> LawElements:
+        """Return the law with a shape."""
+        return replace(self._elements, shape=shape)
 
     def solve_for(self, values: NDArray[np.float64]) -> LawSolution:
         """Return the sizes and residuals for a dead time and a shape."""
@@ -308,11 +319,11 @@ class _Search:
         """Return what no record decides alone."""
         return float(np.sum(np.log1p(self.solve_for(values).residual ** 2)))
 
-    def minimised(self, start: NDArray[np.float64], is_linear: bool, is_delayed: bool) -> NDArray[np.float64]:
+    def minimised(self, start: NDArray[np.float64], is_delayed: bool) -> NDArray[np.float64]:
         """Return dead time and shape that leave least, from a start on; a linear family keeps its shape."""
         from scipy.optimize import least_squares  # slow to import: only when something is estimated
 
-        free = 1 if is_linear else start.size
+        free = 1 if self.elements(start[1:]).is_linear else start.size
         low, high = start - MAX_SHIFT, start + MAX_SHIFT
         low[0], high[0] = (-1e-9, MAX_DEAD_TIME) if is_delayed else (-1e-9, 1e-9)
         found = least_squares(
@@ -348,7 +359,7 @@ def _without_springs(
     negative: errors of the records thus add springs, never take any off, and the Coulomb force becomes too great.
     """
     elements = fit.elements
-    if not isinstance(elements, RollingElements | WeakeningElements):
+    if not elements.thresholds.size:
         return fit, doubt
     largest = _largest_motion(records)
     for part in NARROW_RANGES:

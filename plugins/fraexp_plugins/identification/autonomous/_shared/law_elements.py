@@ -1,9 +1,13 @@
-"""Forces of one friction law each, driven by the measured motion: sizes and a few shape parameters are unknown."""
+"""The forces of any friction law along measured motions, whose sizes and shape are unknown.
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+A law is what the registry has: forces come from its compiled `advance`, and the role of a number follows from its unit.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from functools import cached_property
+from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,300 +18,219 @@ from fraexp_plugins.friction.elastoplastic import Elastoplastic
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.friction.lugre import LuGre
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification._shared.stop_operator import stop_operators
-from fraexp_plugins.identification.autonomous._shared.autonomous_lines import history
+from fraexp_plugins.identification._shared.law_numbers import EXPONENTS, VISCOUS, LawNumbers, unit_of_field
 
-MIN_STATIC_EXCESS = 1e-3
-"""Static over Coulomb force, less 1, below which there is no Stribeck effect."""
 RELAXATIONS = (0.0, 0.6, 1.7)
 """Dampers of an element over the relaxation time."""
 REFINEMENT, MIN_SHARE = 4, 1e-3
 """Thresholds on either side up to the neighbour, and least share of the force of an element around which they are."""
 SLOW_STEP_S = 1e3
 """Time step of a slow displacement."""
-NO_DAMPING = 1e-12
-"""Bristle damping over stiffness [s] of a law whose damper is a column of its own."""
+LEAST_FORCE = 1e-12
+"""Least force of a model [N]: that of records without friction is 0."""
+NO_DAMPING = 1e-9
+"""Damping over that of a unit column, of a law whose damper is a column of its own."""
+UNIT_EXCESS, START_RATIO = 0.2, 0.6
+"""Static over Coulomb force, less 1, and elastic limit over the width, of a law at its start."""
 
 
 @dataclass(frozen=True)
-class LawElements(ABC):
-    """The forces of a law [N] per newton of their size: those that keep their force in gross sliding come first.
+class LawElements:
+    """The columns of force of a law [N] per newton of their size: those that keep their force in sliding come first.
 
-    `shape` has the logarithms of the law's shape parameters.
+    A law with lists of numbers is one of elements: each threshold of a grid is a column, and each of several dampers,
+    if its elements have dampers. Otherwise it is one column for the whole law with a first force of 1 N, and one for
+    each damping coefficient, in which a law's force is linear. The other numbers are its shape.
     """
 
+    unit: FrictionModel
+    """The law with a force of 1 N, and one element if it is a law of elements."""
     shape: NDArray[np.float64]
-    """Logarithms of shape parameters, in the units m, m/s, 1/s and 1, shape (S,)."""
-
-    name: ClassVar[str]
-    """Name of the friction law."""
+    """Coordinates of the other numbers, shape (S,); see `LawNumbers`."""
+    thresholds: NDArray[np.float64]
+    """Thresholds [m] of a law of elements, ascending, shape (E,); empty for another law."""
+    lowest_rate: float = 0.0
+    """Lowest rate of attraction over the Coulomb force [1/s]: what is far slower than a record never weakens there."""
 
     @property
-    @abstractmethod
+    def name(self) -> str:
+        """Name of the friction law."""
+        return self.unit.name
+
+    @cached_property
+    def numbers(self) -> LawNumbers:
+        """The numbers that are the law's shape."""
+        sized = [*self._lists.values(), *self._dampings]
+        found = LawNumbers(self.unit, tuple(sized))
+        return found.above({"N/s": self.lowest_rate}) if self.lowest_rate else found
+
+    @cached_property
+    def _units(self) -> dict[str, str]:
+        fields = type(self.unit).model_fields
+        return {name: unit_of_field(fields[name]) for name in self.unit.model_fields_set if name != VISCOUS}
+
+    @cached_property
+    def _lists(self) -> dict[str, str]:
+        """Lists of stiffnesses, forces and shares of elements, by their unit; dampers are numbers of the shape."""
+        lists = {unit: name for name, unit in self._units.items() if isinstance(getattr(self.unit, name), tuple)}
+        return {unit: name for unit, name in lists.items() if unit != "N s/m"}
+
+    @cached_property
+    def _dampers(self) -> str:
+        """Name of the list of the elements' dampers; empty if there is none."""
+        names = [n for n, unit in self._units.items() if unit == "N s/m" and isinstance(getattr(self.unit, n), tuple)]
+        return names[0] if names else ""
+
+    @cached_property
+    def _dampings(self) -> list[str]:
+        """Names of the damping coefficients that are columns."""
+        return [n for n, unit in self._units.items() if unit == "N s/m" and isinstance(getattr(self.unit, n), float)]
+
+    @property
+    def has_elements(self) -> bool:
+        """Whether it is a law of elements, which needs thresholds."""
+        return bool(self._lists)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the shape is nothing but the elements' dampers, which several columns stand for."""
+        return bool(self._dampers) and self.shape.size == 1
+
+    @property
+    def ratios(self) -> tuple[float, ...]:
+        """Dampers of an element over the relaxation time: one of 0 if it has none."""
+        return RELAXATIONS if self._dampers else (0.0,)
+
+    @property
     def is_coulomb(self) -> NDArray[np.bool_]:
         """Which columns keep their force in gross sliding, shape (N,)."""
+        if self.thresholds.size:
+            return np.ones(self.thresholds.size * len(self.ratios), dtype=bool)
+        return np.arange(1 + len(self._dampings)) == 0
 
-    @abstractmethod
-    def forces(self, motions: Sequence[Motion]) -> Iterable[NDArray[np.float64]]:
-        """Return each column along each periodic motion, each of shape (n, N)."""
+    @property
+    def static_excess(self) -> float:
+        """Static over Coulomb force, less 1; 0 for a law without a Stribeck effect."""
+        return self.numbers.force_excess(self.shape)
 
-    @abstractmethod
+    def _columns(self) -> Iterator[tuple[FrictionModel, FrictionModel | None]]:
+        """Yield for each column the model whose force it is, and the one whose force is subtracted, if any."""
+        model = self.numbers.model(self.shape)
+        if not self.thresholds.size:
+            bare = {name: NO_DAMPING * getattr(self.unit, name) for name in self._dampings}
+            base = _changed(model, bare)
+            yield base, None
+            yield from ((_changed(base, {name: getattr(self.unit, name)}), base) for name in self._dampings)
+            return
+        for ratio, threshold in product(self.ratios, self.thresholds.tolist()):
+            yield _changed(model, self._element(model, threshold, ratio)), None
+
+    def _element(self, model: FrictionModel, threshold: float, ratio: float) -> dict[str, Any]:
+        values = {"N/m": 1 / threshold, "N": 1.0, "1": 1.0}
+        element = {name: (values[unit],) for unit, name in self._lists.items()}
+        if self._dampers:
+            element[self._dampers] = (ratio * getattr(model, self._dampers)[0] / threshold,)
+        return element
+
+    def forces(self, motions: Sequence[Motion]) -> Iterator[list[NDArray[np.float64]]]:
+        """Yield each column's force along each motion: all columns at once would fill the memory."""
+        known: tuple[FrictionModel | None, list[NDArray[np.float64]]] = (None, [])
+        for model, base in self._columns():
+            found = model.forces(motions)
+            if base is None:
+                known = model, found
+                yield found
+            else:
+                yield [force - other for force, other in zip(found, known[1], strict=True)]
+
+    def columns(self, motion: Motion) -> NDArray[np.float64]:
+        """Return each column along a motion, shape (n, N)."""
+        return np.stack([force for (force,) in self.forces([motion])], axis=1)
+
     def virgin_columns(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how much of each column's force acts after a first slow displacement x [m], shape (n, N)."""
+        """Return the share of each column's force after a first slow displacement x [m], ascending, shape (n, N)."""
+        return self.columns(Motion(np.concatenate([[0.0], x]), SLOW_STEP_S))[1:]
 
-    @abstractmethod
     def model(self, sizes: NDArray[np.float64], viscous: float) -> FrictionModel:
         """Return the friction model for forces of these sizes [N], shape (N,), and a viscous coefficient [N s/m]."""
+        force = max(float(sizes[self.is_coulomb].sum()), LEAST_FORCE)
+        model = self.numbers.model(self.shape, force)
+        changes: dict[str, Any] = {VISCOUS: max(viscous, 0.0)}
+        if not self.thresholds.size:
+            for name, size in zip(self._dampings, sizes[1:].tolist(), strict=True):
+                changes[name] = (size + NO_DAMPING * force) * getattr(self.unit, name)
+            return _changed(model, changes)
+        parts = sizes.reshape(len(self.ratios), -1)
+        forces = parts.sum(axis=0)
+        acts, width = forces > 0, self.thresholds
+        lists = {"N/m": forces / width, "N": forces, "1": forces / force}
+        changes |= {name: tuple(lists[unit][acts].tolist()) for unit, name in self._lists.items()}
+        if self._dampers:
+            relaxation = self.numbers.model(self.shape)
+            damping = getattr(relaxation, self._dampers)[0] * np.array(self.ratios) @ parts / width
+            changes[self._dampers] = tuple(damping[acts].tolist())
+        return _changed(model, changes)
 
     def refine(self, sizes: NDArray[np.float64]) -> "LawElements":
         """Return elements with finer thresholds around those that have a force, of the same shape."""
-        return self
+        if not self.thresholds.size:
+            return self
+        forces = sizes.reshape(len(self.ratios), -1).sum(axis=0)
+        places = np.flatnonzero(forces > MIN_SHARE * forces.sum())
+        if not places.size:
+            return self
+        steps = np.linspace(-1.0, 1.0, 2 * REFINEMENT + 1)
+        if places.size * steps.size > self.thresholds.size:  # each of many elements is small, and the grid fine enough
+            steps = np.array([-0.5, 0.0, 0.5])
+        ratio = np.log(self.thresholds[1] / self.thresholds[0])
+        found = np.log(self.thresholds[places])[:, None] + ratio * steps
+        return replace(self, thresholds=np.exp(np.unique(np.round(found, 6))))
 
     def acting(self, sizes: NDArray[np.float64]) -> tuple["LawElements", NDArray[np.float64]]:
         """Return the elements that have a force, and the sizes of their columns: the same force in less time."""
-        return self, sizes
-
-    @property
-    def widths(self) -> NDArray[np.float64]:
-        """Factor that makes a coefficient of each column its force, shape (N,)."""
-        return np.ones(self.is_coulomb.size)
-
-    @property
-    def static_excess(self) -> float:
-        """Static over Coulomb force, less 1."""
-        return 0.0
-
-    def columns(self, motion: Motion) -> NDArray[np.float64]:
-        """Return each column along a period of motion, shape (n, N)."""
-        return next(iter(self.forces([motion])))
-
-
-@dataclass(frozen=True)
-class RollingElements(LawElements):
-    """Elasto-slide elements of many thresholds, each with several dampers D_i, one of which is 0.
-
-    Shape: relaxation time D/K [s], of which the dampers are multiples.
-    """
-
-    name: ClassVar[str] = "rolling"
-    thresholds: NDArray[np.float64]
-    """Thresholds [m], ascending, shape (E,)."""
-
-    @property
-    def is_coulomb(self) -> NDArray[np.bool_]:
-        """All of them, shape (N,)."""
-        return np.ones(self.thresholds.size * len(RELAXATIONS), dtype=bool)
-
-    def forces(self, motions: Sequence[Motion]) -> Iterator[NDArray[np.float64]]:
-        """Yield each column along each periodic motion, each of shape (n, N): all at once would fill the memory."""
-        for motion in motions:
-            y, size = history(motion), motion.displacement.size
-            spring = stop_operators(y, self.thresholds)[-size:]  # the start has no effect then
-            change = np.diff(y)
-            velocity = (1.5 * change[-size:] - 0.5 * change[-size - 1 : -1]) / motion.time_step  # as the law takes it
-            damper = np.exp(self.shape[0]) * velocity[:, None]
-            parts = [np.clip(spring + ratio * damper, -self.thresholds, self.thresholds) for ratio in RELAXATIONS]
-            yield np.concatenate([part / self.thresholds for part in parts], axis=1)
-
-    def virgin_columns(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how much of each column's force acts after a first slow displacement x [m], shape (n, N)."""
-        return np.tile(np.minimum(x[:, None] / self.thresholds, 1.0), (1, len(RELAXATIONS)))
-
-    def refine(self, sizes: NDArray[np.float64]) -> LawElements:
-        """Return elements with finer thresholds around those that have a force, of the same shape."""
-        return replace(self, thresholds=_refined_grid(self.thresholds, sizes.reshape(len(RELAXATIONS), -1).sum(axis=0)))
-
-    def acting(self, sizes: NDArray[np.float64]) -> tuple[LawElements, NDArray[np.float64]]:
-        """Return the elements that have a force, and the sizes of their columns: the same force in less time."""
-        parts = sizes.reshape(len(RELAXATIONS), -1)
+        parts = sizes.reshape(len(self.ratios), -1)
         acts = parts.any(axis=0)
+        if not self.thresholds.size or not acts.any():
+            return self, sizes
         return replace(self, thresholds=self.thresholds[acts]), parts[:, acts].ravel()
 
-    def model(self, sizes: NDArray[np.float64], viscous: float) -> FrictionModel:
-        """Return the elements that have a force, with the mean of their dampers."""
-        parts = sizes.reshape(len(RELAXATIONS), -1)
-        force, places = parts.sum(axis=0), np.flatnonzero(parts.sum(axis=0) > 0)
-        stiffness = (force / self.thresholds)[places]
-        relaxation = np.exp(self.shape[0]) * np.array(RELAXATIONS) @ parts
-        damping = (relaxation / self.thresholds)[places]
-        return Rolling(
-            stiffness=stiffness.tolist(),
-            limit_force=force[places].tolist(),
-            damping=damping.tolist(),
-            viscous_coefficient=max(viscous, 0.0),
-        )
+    def starting_at(self, sizes: Mapping[str, float]) -> NDArray[np.float64]:
+        """Return the shape whose numbers have sizes given by their units, and forces an excess; others stay."""
+        return self.numbers.coordinates_at(sizes)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the numbers of the shape."""
+        return self.numbers.units
 
 
-@dataclass(frozen=True)
-class WeakeningElements(LawElements):
-    """Elements of many thresholds whose force follows one Stribeck curve with a lag: generalized Maxwell slip.
+def _changed(model: FrictionModel, values: Mapping[str, Any]) -> FrictionModel:
+    fields = {name: getattr(model, name) for name in model.model_fields_set}
+    known = {name: value for name, value in values.items() if name in type(model).model_fields}
+    return type(model)(**{**fields, **known})
 
-    Shape: static over Coulomb force less 1, Stribeck velocity [m/s], and rate of attraction over Coulomb force, less
-    the lowest one [1/s].
+
+def built_in_laws(velocity: float) -> dict[str, FrictionModel]:
+    """Return the laws that are tried in any case, with a force of 1 N, the cheapest first.
+
+    The damper of bristles makes a force of 1 N, too, where they bend at `velocity` [m/s].
     """
-
-    name: ClassVar[str] = "gms"
-    thresholds: NDArray[np.float64]
-    """Thresholds in sliding [m], ascending, shape (E,)."""
-    lowest_rate: float = 0.0
-    """Lowest rate of attraction over Coulomb force [1/s]: what is far slower than a record never weakens there."""
-
-    @property
-    def is_coulomb(self) -> NDArray[np.bool_]:
-        """Which columns keep their force in gross sliding, shape (N,)."""
-        return np.ones(self.thresholds.size, dtype=bool)
-
-    @property
-    def static_excess(self) -> float:
-        """Static over Coulomb force, less 1."""
-        return float(np.exp(self.shape[0]))
-
-    def _model(self, stiffness: Sequence[float], fractions: Sequence[float], force: float = 1.0) -> FrictionModel:
-        excess, velocity, rate = np.exp(self.shape).tolist()
-        return GeneralizedMaxwellSlip(
-            stiffness=tuple(stiffness),
-            force_fractions=tuple(fractions),
-            coulomb_force=force,
-            static_force=force * (1 + excess),
-            stribeck_velocity=velocity,
-            attraction_rate=force * (self.lowest_rate + rate),
-        )
-
-    def forces(self, motions: Sequence[Motion]) -> list[NDArray[np.float64]]:
-        """Return each column along each periodic motion, each of shape (n, N)."""
-        single = [self._model([1 / width], [1.0]).forces(motions) for width in self.thresholds.tolist()]
-        return [np.stack(columns, axis=1) for columns in zip(*single, strict=True)]
-
-    def virgin_columns(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how much of each column's force acts after a first slow displacement x [m], shape (n, N)."""
-        return np.minimum(x[:, None] / self.thresholds, 1 + self.static_excess)
-
-    def refine(self, sizes: NDArray[np.float64]) -> LawElements:
-        """Return elements with finer thresholds around those that have a force, of the same shape."""
-        return replace(self, thresholds=_refined_grid(self.thresholds, sizes))
-
-    def acting(self, sizes: NDArray[np.float64]) -> tuple[LawElements, NDArray[np.float64]]:
-        """Return the elements that have a force, and the sizes of their columns: the same force in less time."""
-        acts = sizes > 0
-        return (replace(self, thresholds=self.thresholds[acts]), sizes[acts]) if acts.any() else (self, sizes)
-
-    def model(self, sizes: NDArray[np.float64], viscous: float) -> FrictionModel:
-        """Return the model of the elements that have a force."""
-        places, total = np.flatnonzero(sizes > 0), float(sizes.sum())
-        force = sizes[places]
-        found = self._model((force / self.thresholds[places]).tolist(), (force / total).tolist(), total)
-        return found.model_copy(update={"viscous_coefficient": max(viscous, 0.0)})
+    stribeck = {"coulomb_force": 1.0, "static_force": 1 + UNIT_EXCESS, "stribeck_velocity": velocity}
+    bristles = {"bristle_stiffness": 1.0, "bristle_damping": 1 / velocity, **stribeck}
+    laws = (
+        Rolling(stiffness=(1.0,), limit_force=(1.0,), damping=(1.0,)),
+        Dahl(stiffness=1.0, coulomb_force=1.0),
+        LuGre(**bristles),
+        Elastoplastic(**bristles, elastic_limit_ratio=START_RATIO),
+        GeneralizedMaxwellSlip(stiffness=(1.0,), force_fractions=(1.0,), attraction_rate=1.0, **stribeck),
+    )
+    return {law.name: law for law in laws}
 
 
-@dataclass(frozen=True)
-class BristleElements(LawElements):
-    """Bristles of one width with a Stribeck curve and a damper: LuGre, and Dahl where nothing weakens.
-
-    Shape: width Fc/σ0 [m], static over Coulomb force less 1, and Stribeck velocity [m/s]; then, for elastoplastic
-    bristles, the ratio of elastic limit z_ba to the rest of the width.
-    """
-
-    name: ClassVar[str] = "lugre"
-
-    @property
-    def is_coulomb(self) -> NDArray[np.bool_]:
-        """The first column: the second one is the damper."""
-        return np.array([True, False])
-
-    @property
-    def static_excess(self) -> float:
-        """Static over Coulomb force, less 1."""
-        return float(np.exp(self.shape[1]))
-
-    def _parameters(self, force: float, damping: float) -> dict[str, float]:
-        width, excess, velocity = np.exp(self.shape[:3]).tolist()
-        return {
-            "bristle_stiffness": force / width,
-            "bristle_damping": damping,
-            "coulomb_force": force,
-            "static_force": force * (1 + excess),
-            "stribeck_velocity": velocity,
-        }
-
-    def _model(self, force: float, damping: float) -> FrictionModel:
-        return LuGre(**self._parameters(force, damping))
-
-    def forces(self, motions: Sequence[Motion]) -> list[NDArray[np.float64]]:
-        """Return each column along each periodic motion, each of shape (n, N)."""
-        width = float(np.exp(self.shape[0]))
-        found = []
-        for force, motion in zip(self._model(1.0, NO_DAMPING / width).forces(motions), motions, strict=True):
-            change = force - np.roll(force, 1)
-            rate = (
-                1.5 * change - 0.5 * np.roll(change, 1)
-            ) / motion.time_step  # as the laws take it, at the step's end
-            found.append(np.stack([force, 1e-3 * rate], axis=1))
-        return found
-
-    def virgin_columns(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how much of each column's force acts after a first slow displacement x [m], shape (n, N)."""
-        limit = 1 + self.static_excess
-        bristle = -limit * np.expm1(-x / (limit * np.exp(self.shape[0])))
-        return np.stack([bristle, np.zeros(x.size)], axis=1)
-
-    def model(self, sizes: NDArray[np.float64], viscous: float) -> FrictionModel:
-        """Return LuGre's model, or Dahl's if nothing weakens and there is no damper."""
-        force, width = float(sizes[0]), float(np.exp(self.shape[0]))
-        if self.static_excess < MIN_STATIC_EXCESS and sizes[1] == 0:
-            return Dahl(stiffness=force / width, coulomb_force=force, viscous_coefficient=max(viscous, 0.0))
-        found = self._model(force, max(1e-3 * float(sizes[1]), NO_DAMPING * force) / width)
-        return found.model_copy(update={"viscous_coefficient": max(viscous, 0.0)})
-
-
-@dataclass(frozen=True)
-class DahlElements(BristleElements):
-    """Bristles of one width without Stribeck effect, and a damper. Shape: width [m]."""
-
-    name: ClassVar[str] = "dahl"
-
-    @property
-    def static_excess(self) -> float:
-        """Nothing."""
-        return 0.0
-
-    def _parameters(self, force: float, damping: float) -> dict[str, float]:
-        stiffness = force / float(np.exp(self.shape[0]))
-        return {
-            "bristle_stiffness": stiffness,
-            "bristle_damping": damping,
-            "coulomb_force": force,
-            "static_force": force,
-        }
-
-
-@dataclass(frozen=True)
-class ElastoplasticElements(BristleElements):
-    """Bristles that are elastic up to z_ba."""
-
-    name: ClassVar[str] = "elastoplastic"
-
-    def _model(self, force: float, damping: float) -> FrictionModel:
-        odds = float(np.exp(self.shape[3]))
-        return Elastoplastic(**self._parameters(force, damping), elastic_limit_ratio=odds / (1 + odds))
-
-    def virgin_columns(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how much of each column's force acts after a slow displacement x [m], ascending, shape (n, N)."""
-        model = self._model(1.0, NO_DAMPING / float(np.exp(self.shape[0])))
-        bristle = model.force(np.concatenate([[0.0], x]), SLOW_STEP_S)[1:]
-        return np.stack([bristle, np.zeros(x.size)], axis=1)
-
-
-def _refined_grid(thresholds: NDArray[np.float64], sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return thresholds [m] between the neighbours of those that have a force, ascending; no more than before.
-
-    They are the same if none has one.
-    """
-    places = np.flatnonzero(sizes > MIN_SHARE * sizes.sum())
-    if not places.size:
-        return thresholds
-    steps = np.linspace(-1.0, 1.0, 2 * REFINEMENT + 1)
-    if places.size * steps.size > thresholds.size:  # many elements: each is small, and the grid fine enough
-        steps = np.array([-0.5, 0.0, 0.5])
-    ratio = np.log(thresholds[1] / thresholds[0])
-    found = np.log(thresholds[places])[:, None] + ratio * steps
-    return np.asarray(np.exp(np.unique(np.round(found, 6))))
+def unit_law(model: FrictionModel) -> FrictionModel:
+    """Return a law that a user states, with a first force of 1 N and one element."""
+    numbers = LawNumbers(model)
+    scaled = numbers.model(numbers.coordinates, 1 / numbers.force(1.0)) if numbers.force(1.0) else model
+    lists = {name: value for name in scaled.model_fields_set if isinstance(value := getattr(scaled, name), tuple)}
+    units = {name: unit_of_field(type(scaled).model_fields[name]) for name in lists}
+    return _changed(scaled, {name: (1.0,) for name, unit in units.items() if unit in (*EXPONENTS, "1")})

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -12,10 +13,9 @@ from fraexp_plugins.identification.autonomous._shared.autonomous_elements import
 from fraexp_plugins.identification.autonomous._shared.autonomous_lines import (
     ElementObserver,
     SpectralLines,
-    StopElements,
+    delayed_lines,
     spectral_lines,
 )
-from fraexp_plugins.identification.autonomous._shared.dictionary_fit import delayed_lines
 from fraexp_plugins.identification.autonomous._shared.law_elements import LawElements
 
 HARMONICS = (1, 3, 5, 7, 9)
@@ -31,6 +31,8 @@ NOISE_SEEDS = 12
 most of them change nothing where an element only just slips."""
 FREE_BODY_RANGE = 3.05
 """Frequencies over the lowest one up to which an axis may be a free body: the third harmonic of the lowest one too."""
+COLUMNS_AT_ONCE = 16
+"""Columns whose forces are in memory."""
 HOLD_WEIGHT = 1e4
 """Weight of the equation that holds a Coulomb force, over that of a column."""
 
@@ -77,7 +79,7 @@ class LawRecords:
         cls, own: Signals, observer: ElementObserver, inverse: tuple[NDArray[np.float64], NDArray[np.complex128]]
     ) -> "LawRecords":
         """Return the records at the lines of their segments, of all of these."""
-        lines = spectral_lines(own, observer, StopElements(np.empty(0)))
+        lines = spectral_lines(own, observer)
         motions = [observer.with_drift(observer.periodic_motion(segment), segment) for segment in own.segments]
         periods = np.array([len(segment.channels[observer.output]) for segment in own.segments])
         samples = np.array([segment.samples for segment in own.segments])
@@ -87,8 +89,8 @@ class LawRecords:
         known = np.log(inverse[0][order]), np.log(np.abs(inverse[1][order]))
         stiffness = np.exp(np.interp(np.log(lines.frequency), *known))
         amplitudes = [np.sqrt(2 * np.mean(segment.channels[observer.input] ** 2)) for segment in own.segments]
-        floor = FORCE_FLOOR * _by_line(lines, own.segments, np.array(amplitudes))
-        noise = stiffness[:, None] * _by_line(lines, own.segments, deviations * np.sqrt(2 / samples))
+        floor = FORCE_FLOOR * _by_line(lines, own, np.array(amplitudes))
+        noise = stiffness[:, None] * _by_line(lines, own, deviations * np.sqrt(2 / samples))
         variance = np.where(lines.known, floor**2 + noise**2, 1.0)
         return cls(own, lines, tuple(motions), variance, deviations)
 
@@ -113,15 +115,14 @@ class LawRecords:
 
     def deflection(self, elements: LawElements, motions: Sequence[Motion] = ()) -> NDArray[np.complex128]:
         """Return the phasors of each column [N/N], complex, shape (L, M, N)."""
-        forces = zip(elements.forces(motions or self.motions), self.signals.segments, strict=True)
-        phasors = [fourier_sums(np.ascontiguousarray(force.T), segment.lines).T for force, segment in forces]
         found = np.zeros((*self.lines.thrust.shape, elements.is_coulomb.size), dtype=complex)
-        begin = 0
-        for group in self.lines.groups:
-            end = begin + self.signals.segments[group[0]].lines.size
-            for record, place in enumerate(group):
-                found[begin:end, record] = phasors[place]
-            begin = end
+        columns, begin = elements.forces(motions or self.motions), 0
+        while part := list(islice(columns, COLUMNS_AT_ONCE)):
+            for place, (rows, record) in self.lines.places(self.signals):
+                forces = np.stack([column[place] for column in part])
+                sums = fourier_sums(forces, self.signals.segments[place].lines)
+                found[rows, record, begin : begin + len(part)] = sums.T
+            begin += len(part)
         return found
 
     def solve(
@@ -203,12 +204,9 @@ def _chosen_segments(segments: Sequence[Segment], step: int) -> list[Segment]:
     return [segment for segment in sines if round(float(segment.frequency[0]), 3) in usable]
 
 
-def _by_line(lines: SpectralLines, segments: Sequence[Segment], values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _by_line(lines: SpectralLines, signals: Signals, values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a value of each segment at each of its lines, shape (L, M)."""
-    found, begin = np.zeros(lines.thrust.shape), 0
-    for group in lines.groups:
-        end = begin + segments[group[0]].lines.size
-        for record, place in enumerate(group):
-            found[begin:end, record] = values[place]
-        begin = end
+    found = np.zeros(lines.thrust.shape)
+    for place, (rows, record) in lines.places(signals):
+        found[rows, record] = values[place]
     return found

@@ -6,20 +6,18 @@ from functools import partial
 
 import numpy as np
 
-from fraexp.api import FrequencyResponse, Metric, Outcome, RecordError, Result, Signals, param
+from fraexp.api import FrequencyResponse, FrictionModel, Metric, Outcome, RecordError, Result, Signals, param
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
-from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
-from fraexp_plugins.estimators._shared.realisations import Part, circular_covariance, combine_parts
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.identification._shared.friction_curves import virgin_curve
 from fraexp_plugins.identification._shared.usable_records import usable_signals
-from fraexp_plugins.identification.autonomous._shared.autonomous_elements import fit_elements
 from fraexp_plugins.identification.autonomous._shared.autonomous_lines import (
     ElementObserver,
     SpectralLines,
-    StopElements,
+    delayed_lines,
     remove_drift,
+    scatter_noise,
     spectral_lines,
 )
 from fraexp_plugins.identification.autonomous._shared.autonomous_plant import (
@@ -27,19 +25,16 @@ from fraexp_plugins.identification.autonomous._shared.autonomous_plant import (
     InverseResponse,
     identify_plant,
     plant_cost,
+    response_of,
 )
-from fraexp_plugins.identification.autonomous._shared.dictionary_fit import (
-    DictionaryFit,
-    Weights,
-    delayed_lines,
-    fit_dictionary,
-    rough_dead_time,
-    scatter_noise,
+from fraexp_plugins.identification.autonomous._shared.law_choice import choose_law
+from fraexp_plugins.identification.autonomous._shared.law_fit import (
+    MAX_PLANT_COST,
+    FittedLaw,
+    LawReport,
+    fit_law,
+    rough_inverse,
 )
-from fraexp_plugins.identification.autonomous._shared.dictionary_report import MAX_PLANT_COST, DictionaryReport
-from fraexp_plugins.identification.autonomous._shared.force_dictionary import ForceDictionary
-from fraexp_plugins.identification.autonomous._shared.law_choice import LawChoice, choose_law
-from fraexp_plugins.identification.autonomous._shared.law_fit import fit_law, rough_inverse
 from fraexp_plugins.identification.autonomous._shared.law_records import LawRecords
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
@@ -49,35 +44,26 @@ MIN_LINES, MIN_EQUATIONS = 8, 24
 MAX_LINE_SCATTER = 0.1
 """Relative scatter of P̂ over the amplitudes up to which a frequency counts for the plant."""
 PLANT_MODEL_ERROR, MIN_PLANT_MODEL_ERROR = 3e-3, 3e-4
-"""Relative error of P̂ that the plant's fit allows for, that of the dictionary, and the least one if it leaves less."""
+"""Relative error of P̂ by friction that the plant's fit allows for, and the least one if the fit leaves less."""
 MAX_DEAD_TIME_STEPS, DEAD_TIME_TOLERANCE = 4, 5e-3
 """Fits of the dead time, each with the friction of the one before, and the step [samples] that is the last one."""
 DEAD_TIME_RANGE, NEAR_DEAD_TIME_RANGE, MAX_DEAD_TIME_TRIALS, NO_PLANT_COST = 0.4, 0.1, 12, 1e6
 """Distance from a rough dead time in which the dead time is looked for [samples], the same from one with which a plant
 explains P̂, how many are tried at most, and the cost where no plant fits."""
-MAX_LAW_RESIDUAL = 10.0
-"""Residual of the best law over its allowance, 0.3 % of the thrust, up to which it is nearer than a dictionary, though
-noise may not explain it."""
 CURVE_POINTS, CURVE_RANGE = 60, (1e-5, 0.5)
 """Points of the virgin curve, and their range over the largest motion."""
 
 
-class DictionaryIdentification(DelayedEstimator, name="dictionary_identification", version=10):
+class PlantAndLaw(DelayedEstimator, name="plant_and_law", version=11):
     """P̂, plant, friction force and dead time from records at several amplitudes; the friction law need not be known.
 
-    Each friction law that fraexp has is driven by the measured motion, with sizes and shape parameters that leave least
-    of G_di G_do U_a = Y_a/P + F_a for each record a, at the excited line and at its odd harmonics, with a 1/P for each
-    line. Sizes are eliminated (variable projection: G. H. Golub and V. Pereyra, SIAM J. Numerical Analysis 10(2), 1973,
-    doi 10.1137/0710036); elements of unknown number are sizes >= 0 on a grid of thresholds (C. L. Lawson and R. J.
-    Hanson, Solving Least Squares Problems, 1974, ch. 23, doi 10.1137/1.9781611971217). The law that leaves least is
-    taken if noise and rounding explain that; if they do not, but it leaves 0.3 % of the thrust or less, it is taken
-    with a verdict that is not ok.
-
-    If all laws leave more, the friction force is a sum of forces of a dictionary: stop operators (rolling elements),
-    Dahl bristles of many widths, dampers beside the elements (D_i, σ1), Stribeck peaks, and elements that weaken in
-    sliding. Their sizes follow by the same least squares at the excited lines. What no column repeats, as near
-    breakaway, counts less in a second and third pass (iteratively reweighted least squares: P. W. Holland and R. E.
-    Welsch, Communications in Statistics A6(9), 1977, doi 10.1080/03610927708827533).
+    Each friction law that fraexp has, and those of `laws`, are driven by the measured motion, with sizes and shape
+    parameters that leave least of G_di G_do U_a = Y_a/P + F_a for each record a, at the excited line and at its odd
+    harmonics, with a 1/P for each line. Sizes are eliminated (variable projection: G. H. Golub and V. Pereyra, SIAM
+    J. Numerical Analysis 10(2), 1973, doi 10.1137/0710036); elements of unknown number are sizes >= 0 on a grid of
+    thresholds (C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, 1974, ch. 23, doi
+    10.1137/1.9781611971217). The law with the smallest residual is taken, with a verdict that is not ok if noise and
+    rounding do not explain that residual.
 
     A rigid body with modes and viscous friction is then fitted to P̂ as `modal_fit` does, and with it the dead time.
     With `validation` the last segments are held out: the metric `validation error` is the part of their control input
@@ -94,11 +80,12 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
     is 0, the outcome is inaccurate, and the message gives the reason.
 
     It needs three amplitudes or more at each of some fifteen frequencies, from nearly still to gross sliding, as
-    `fraexp measure --autonomous` records them. The friction model that it returns is that of the law; without one it is
-    `rolling`, or `dahl` if most of the force is that of bristles. Do not use it for friction that depends on the
-    position.
+    `fraexp measure --autonomous` records them. Do not use it for friction that depends on the position.
     """
 
+    laws: tuple[FrictionModel, ...] = param(
+        "", "further friction laws that are tried, your own ones, each with numbers from which a search may begin", ()
+    )
     estimate_dead_time: bool = param("", "whether dead time is estimated, in addition to `input_dead_time`", True)
     resolution: float = param("m", "quantisation step of the encoder", 0.0, at_least=0, inherit="loop.resolution")
     noise: float = param("m", "standard deviation of the encoder's noise", 0.0, at_least=0, inherit="loop.noise")
@@ -124,50 +111,28 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
         count = len(signals.segments) - self.validation
         fresh = replace(signals, segments=signals.segments[count:])
         used = usable_signals(replace(signals, segments=signals.segments[:count]), self.output, self.name)
-        found, choice = self._fit_law(used)
-        found = found or self._fit(used)
+        found = self._fit_law(used)
         plant, remark = self._plant(used, found)
         plant = self._plant_by_residuals(used, found, plant)
-        doubt = "" if choice.best.explains else choice.doubt()
+        doubt = "" if found.choice.best.explains else found.choice.doubt()
         return self._result(used, found, plant, (remark, doubt), self._validation_error(fresh, found, plant))
 
     def _observer(self) -> ElementObserver:
         names = set(ElementObserver.model_fields) & set(type(self).model_fields)
         return ElementObserver(friction=Frictionless(), **{name: getattr(self, name) for name in names})
 
-    def _fit(self, signals: Signals) -> DictionaryFit:
-        observer = self._observer()
-        bare = self._bare_lines(signals)
-        swings = [float(np.ptp(segment.channels[self.output])) / 2 for segment in signals.segments]
-        speeds = 2 * np.pi * bare.frequency[:, None] * np.abs(bare.motion)
-        smallest = max(float(np.abs(bare.motion[bare.known]).min()), 2 * self.resolution, 2 * self.noise)
-        dictionary = ForceDictionary.spanning(min(smallest, max(swings)), max(swings), float(speeds.max()))
-        lines = spectral_lines(signals, observer, dictionary)
-        peak = max(float(np.abs(segment.channels[self.input]).max()) for segment in signals.segments)
-        total = self.model_error**2 * np.abs(lines.thrust) ** 2
-        inverse = fit_elements(lines, dictionary.widths, total, peak).inverse
-        weights = Weights(scatter_noise(signals, lines, observer, inverse), self.model_error, peak)
-        if not self.estimate_dead_time:
-            return fit_dictionary(lines, dictionary, weights, 0.0)
-        rough = rough_dead_time(lines, dictionary, weights, signals.segments[0].sample_time)
-        return self._settle_dead_time(
-            signals, lambda dead_time: fit_dictionary(lines, dictionary, weights, dead_time), rough
-        )
-
     def _bare_lines(self, signals: Signals) -> SpectralLines:
         """Return the lines of the records without forces; RecordError if they are too few for a friction force."""
-        bare = spectral_lines(signals, self._observer(), StopElements(np.empty(0)))
+        bare = spectral_lines(signals, self._observer())
         if len(bare.frequency) < MIN_LINES or bare.equations < MIN_EQUATIONS:
             raise RecordError(
-                f"dictionary_identification: {bare.frequency.size} frequencies give {bare.equations} equations for "
+                f"plant_and_law: {bare.frequency.size} frequencies give {bare.equations} equations for "
                 f"friction; expected {MIN_LINES} frequencies and {MIN_EQUATIONS} equations or more: record each "
                 "frequency at three amplitudes"
             )
         return bare
 
-    def _settle_dead_time(
-        self, signals: Signals, fit: Callable[[float], DictionaryFit], dead_time: float
-    ) -> DictionaryFit:
+    def _settle_dead_time(self, signals: Signals, fit: Callable[[float], FittedLaw], dead_time: float) -> FittedLaw:
         """Return the fit with the dead time [s] that is left in P̂ no more, from one on."""
         found = fit(dead_time)
         for _ in range(MAX_DEAD_TIME_STEPS if self.estimate_dead_time else 0):
@@ -177,27 +142,25 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
                 break
         return found
 
-    def _fit_law(self, signals: Signals) -> tuple[DictionaryFit | None, LawChoice]:
-        """Return the law that leaves least of the records, and their fit if that is little."""
+    def _fit_law(self, signals: Signals) -> FittedLaw:
+        """Return the fit of the law with the smallest residual."""
         observer = self._observer()
         bare = self._bare_lines(signals)
         inverse = rough_inverse(bare)
         rough = bare.frequency, inverse
-        choice = choose_law(signals, observer, rough, self.estimate_dead_time)
-        if not choice.best.explains and choice.best.residual > MAX_LAW_RESIDUAL:
-            return None, choice
-        lines = spectral_lines(signals, observer, choice.best.elements)
-        variance = scatter_noise(signals, lines, observer, inverse) + self.model_error**2 * np.abs(lines.thrust) ** 2
+        choice = choose_law(signals, observer, rough, self.estimate_dead_time, self.laws)
         records, best = LawRecords.at_lines(signals, observer, rough), choice.best
+        lines = replace(records.lines, deflection=records.deflection(best.elements))
+        variance = scatter_noise(signals, lines, observer, inverse) + self.model_error**2 * np.abs(lines.thrust) ** 2
         variance += records.friction_noise(best.elements, best.sizes)
         fit = partial(fit_law, choice, lines, variance)
         if not self.estimate_dead_time:
-            return fit(choice.best.dead_time), choice
+            return fit(choice.best.dead_time)
         settled = self._settle_dead_time(signals, fit, choice.best.dead_time).dead_time
-        return fit(self._refine_dead_time(signals, fit, (settled, choice.best.dead_time))), choice
+        return fit(self._refine_dead_time(signals, fit, (settled, choice.best.dead_time)))
 
     def _refine_dead_time(
-        self, signals: Signals, fit: Callable[[float], DictionaryFit], starts: tuple[float, float]
+        self, signals: Signals, fit: Callable[[float], FittedLaw], starts: tuple[float, float]
     ) -> float:
         """Return the dead time [s] near the better of two with which a rigid body with modes leaves least of P̂.
 
@@ -221,7 +184,7 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
         )
         return float(found.x) if found.fun <= np.log(least) else dead_time
 
-    def _dead_time_in(self, signals: Signals, found: DictionaryFit) -> float:
+    def _dead_time_in(self, signals: Signals, found: FittedLaw) -> float:
         """Return the dead time [s] that is left in P̂; 0 if no plant fits."""
         _, response = self._inverse(signals, found)
         modal = self._modal().model_copy(update={"dead_time": None, "fit_viscous": True})
@@ -236,15 +199,14 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
         modes = self.modes if modes is None else modes
         return ModalFit(method=Conventional(), modes=modes, dead_time=0.0, model_error=model_error)
 
-    def _inverse(self, signals: Signals, found: DictionaryFit) -> tuple[InverseResponse, FrequencyResponse]:
+    def _inverse(self, signals: Signals, found: FittedLaw) -> tuple[InverseResponse, FrequencyResponse]:
         """Return 1/P̂ with its errors, and P̂ at the frequencies that count for the plant as settled ones."""
-        response, elements = self._response(signals, found).response, found.elements
-        assert response is not None
-        inverse = InverseResponse(found.lines.frequency, elements.inverse, elements.noise, elements.inverse_columns)
+        result, inverse = self._response(signals, found)
+        assert result.response is not None
         is_known = found.scatter <= MAX_LINE_SCATTER
-        return inverse, replace(response, settled=response.settled & is_known)
+        return inverse, replace(result.response, settled=result.response.settled & is_known)
 
-    def _plant(self, signals: Signals, found: DictionaryFit) -> tuple[IdentifiedPlant | Result, str]:
+    def _plant(self, signals: Signals, found: FittedLaw) -> tuple[IdentifiedPlant | Result, str]:
         """Return the plant in P̂, or P̂ alone with the reason."""
         inverse, usable = self._inverse(signals, found)
         if (found.scatter > MAX_LINE_SCATTER).all():
@@ -252,15 +214,15 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
                 f"no plant identified: the records at several amplitudes differ by more than {MAX_LINE_SCATTER:.0%} in "
                 f"their plant at all {usable.frequency.size} frequencies"
             )
-            return self._response(signals, found), remark
+            return self._response(signals, found)[0], remark
         try:
             with np.errstate(all="ignore"):  # where nothing is identifiable
                 return identify_plant(inverse, usable, self._modal()), ""
         except RecordError as error:
-            return self._response(signals, found), f"no plant identified: {error}"
+            return self._response(signals, found)[0], f"no plant identified: {error}"
 
     def _plant_by_residuals(
-        self, signals: Signals, found: DictionaryFit, plant: IdentifiedPlant | Result
+        self, signals: Signals, found: FittedLaw, plant: IdentifiedPlant | Result
     ) -> IdentifiedPlant | Result:
         """Return the plant with the errors that it leaves of P̂, if these are smaller than what was allowed for."""
         if isinstance(plant, Result) or plant_cost(plant) >= 1:
@@ -274,34 +236,18 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
         except RecordError:  # what such small errors do not determine
             return plant
 
-    def _response(self, signals: Signals, found: DictionaryFit) -> Result:
-        """Return P̂ before linear forces are removed."""
-        lines, elements = found.lines, found.elements
-        effective = np.abs(lines.thrust - lines.deflection @ elements.stiffness)
-        response, count = 1 / elements.inverse, lines.known.sum(axis=1)
-        variance = np.abs(response) ** 4 * elements.noise
-        parts, begin = [], 0
-        for group in lines.groups:
-            segments = tuple(signals.segments[place] for place in group)
-            rows = slice(begin, begin + segments[0].lines.size)
-            begin = rows.stop
-            amplitudes = (
-                (np.where(lines.known, effective, 0.0).sum(axis=1) / count)[rows],
-                (np.abs(lines.motion).sum(axis=1) / count)[rows],
-            )
-            band = circular_covariance(variance[rows])
-            parts.append(Part(segments, lines.frequency[rows], response[rows], band, np.inf, *amplitudes))
-        units = signals.unit(self.input), signals.unit(self.output)
-        result = combine_parts(signals, parts, names=(EFFECTIVE_INPUT, self.output), units=units)
-        assert result.response is not None
-        inverse = InverseResponse(lines.frequency, elements.inverse, elements.noise, elements.inverse_columns)
-        return replace(result, response=replace(result.response, model_covariance=inverse.friction_covariance()))
+    def _response(self, signals: Signals, found: FittedLaw) -> tuple[Result, InverseResponse]:
+        """Return P̂ before linear forces are removed, and its inverse."""
+        return response_of(signals, (self.input, self.output), found.lines, found.elements)
 
-    def _validation_error(self, fresh: Signals, found: DictionaryFit, plant: IdentifiedPlant | Result) -> float | None:
+    def _validation_error(self, fresh: Signals, found: FittedLaw, plant: IdentifiedPlant | Result) -> float | None:
         """Return the part of the thrust in fresh records that plant and friction do not explain; None without any."""
         if not fresh.segments or isinstance(plant, Result):
             return None
-        lines = delayed_lines(spectral_lines(fresh, self._observer(), found.dictionary), found.dead_time)
+        rough = found.lines.frequency, found.elements.inverse
+        records = LawRecords.at_lines(fresh, self._observer(), rough)
+        lines = replace(records.lines, deflection=records.deflection(found.law))
+        lines = delayed_lines(lines, found.dead_time)
         omega = 2 * np.pi * lines.frequency
         (fit,) = plant.fit.fits
         modal = Modal.parse(
@@ -315,14 +261,14 @@ class DictionaryIdentification(DelayedEstimator, name="dictionary_identification
     def _result(
         self,
         signals: Signals,
-        found: DictionaryFit,
+        found: FittedLaw,
         plant: IdentifiedPlant | Result,
         remarks: tuple[str, str],
         error: float | None,
     ) -> Result:
         """Return all that was found, with the verdict."""
         fitted = plant.fit if isinstance(plant, IdentifiedPlant) else plant
-        report = DictionaryReport(found, plant, self.input_dead_time)
+        report = LawReport(found, plant, self.input_dead_time)
         remark, of_law = remarks
         doubts = [remark] if remark else [*report.doubts()]
         doubts += [of_law] if of_law else []

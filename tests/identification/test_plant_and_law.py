@@ -1,4 +1,4 @@
-"""Plant and friction whatever the law is: the dictionary, accuracy on simulated machines, and what is refused."""
+"""Plant and friction whatever the law is: accuracy on simulated machines, intervals, and what is refused."""
 
 import tomllib
 from dataclasses import replace
@@ -7,15 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 from fraexp_plugins.estimators.conventional import Conventional
-from fraexp_plugins.friction.dahl import Dahl
 from fraexp_plugins.identification.autonomous._shared.autonomous_plant import (
     InverseResponse,
     identify_plant,
 )
-from fraexp_plugins.identification.autonomous._shared.dictionary_report import MAX_FALL
-from fraexp_plugins.identification.autonomous._shared.force_dictionary import dahl_bristles
-from fraexp_plugins.identification.autonomous._shared.force_interval import sum_interval
-from fraexp_plugins.identification.autonomous.dictionary_identification import DictionaryIdentification
+from fraexp_plugins.identification.autonomous._shared.law_fit import MAX_FALL
+from fraexp_plugins.identification.autonomous._shared.law_interval import sum_interval
+from fraexp_plugins.identification.autonomous.plant_and_law import PlantAndLaw
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 
@@ -65,17 +63,6 @@ def recorded(registry: Any) -> Any:
     return record
 
 
-def test_bristles_are_dahls_law_sample_by_sample() -> None:
-    y = np.cumsum(np.random.default_rng(3).normal(size=400)) * 1e-6
-    width, force = 20e-6, 5.0
-    model, state, expected = Dahl(stiffness=force / width, coulomb_force=force), np.zeros(1), [0.0]
-    for step in np.diff(y):
-        after = np.zeros(1)
-        expected.append(model.advance(state, step, 1e-3, after, force / width, force))
-        state = after
-    np.testing.assert_allclose(force * dahl_bristles(y, np.array([width]))[:, 0], expected, rtol=1e-9, atol=1e-12)
-
-
 def test_a_sum_that_others_may_replace_has_a_wide_interval() -> None:
     columns = np.array([[3.0, 3.0, 0.0], [4.0, 4.0, 0.0], [0.0, 0.0, 2.0]])
     target, rise = columns @ [1.0, 1.0, 4.0], 1.0
@@ -103,14 +90,14 @@ def test_friction_that_falls_with_velocity_is_noticed_in_the_plant(viscous: floa
 
 def test_one_amplitude_is_refused(recorded: Any) -> None:
     with pytest.raises(RecordError, match="record each frequency at three amplitudes"):
-        DictionaryIdentification().estimate(recorded(MACHINE["friction"], (40.0,)))
+        PlantAndLaw().estimate(recorded(MACHINE["friction"], (40.0,)))
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("friction", [MACHINE["friction"], LUGRE], ids=lambda each: each["name"])
 def test_plant_and_force_are_found_whatever_the_law(friction: dict[str, Any], recorded: Any) -> None:
     signals = recorded(friction, (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
-    result = DictionaryIdentification(resolution=1e-7, noise=30e-9, validation=1).estimate(signals)
+    result = PlantAndLaw(resolution=1e-7, noise=30e-9, validation=1).estimate(signals)
     metrics = {metric.name: metric.value for metric in result.metrics}
     assert metrics["verdict"] == 1, result.message
     assert result.outcome is Outcome.OK
@@ -135,7 +122,7 @@ def test_a_wrong_channel_has_no_good_verdict(recorded: Any) -> None:
         replace(segment, channels={**segment.channels, "u": gain * segment.channels["u"]})
         for segment, gain in zip(signals.segments, gains[order], strict=True)
     )
-    result = DictionaryIdentification(validation=1).estimate(replace(signals, segments=segments))
+    result = PlantAndLaw(validation=1).estimate(replace(signals, segments=segments))
     assert result.outcome is Outcome.INACCURATE
     assert next(metric.value for metric in result.metrics if metric.name == "verdict") == 0
 
@@ -143,7 +130,7 @@ def test_a_wrong_channel_has_no_good_verdict(recorded: Any) -> None:
 @pytest.mark.thorough
 def test_friction_that_hides_its_weakening_has_no_false_verdict(recorded: Any) -> None:
     signals = recorded({**WEAKENING, "stribeck_velocity": 0.1}, (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
-    result = DictionaryIdentification(resolution=1e-7, noise=30e-9, validation=1).estimate(signals)
+    result = PlantAndLaw(resolution=1e-7, noise=30e-9, validation=1).estimate(signals)
     metrics = {metric.name: metric.value for metric in result.metrics}
     error = abs(metrics["Coulomb force"] - FORCE)
     assert error <= metrics["Coulomb force, 95 %"]
