@@ -16,9 +16,13 @@ from fraexp.api import (
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.identification._shared.usable_records import check_one_thrust, check_segments, usable_signals
-from fraexp_plugins.identification.whole_record._shared.contact_parameters import ContactModels, ContactParameters
 from fraexp_plugins.identification.whole_record._shared.fit_report import FitReport
 from fraexp_plugins.identification.whole_record._shared.fitted_records import LAST_GAIN, Fitted, replay_error
+from fraexp_plugins.identification.whole_record._shared.free_parameters import (
+    FreeParameters,
+    Models,
+    parameters_of_contacts,
+)
 from fraexp_plugins.identification.whole_record._shared.noise_level import noise_in_records
 from fraexp_plugins.identification.whole_record._shared.record_fit import RecordFit, State
 from fraexp_plugins.identification.whole_record._shared.replayed_record import ReplayedRecord
@@ -86,15 +90,15 @@ class MultiContactMaximumLikelihood(DelayedEstimator, name="multi_contact_maximu
         check_segments(used, self.name)
         noise = noise_in_records(used, self.output, self.resolution) if self.noise is None else self.noise
         start = self._start(used.segments[0].sample_time)
-        free, held = ContactParameters.of(start, self.free), []
+        free, held = parameters_of_contacts(start, self.free), []
         found = self._fit(used, start, free, noise)
         while least_told := _least_told(found):  # one at a time: of two that only their sum is told, one remains
             held.append(least_told)
             free = free.leave_out(least_told)
             found = self._fit(used, start, free, noise)
-        return ContactFitReport(used, found, 1, held).result()
+        return FitReport(used, found, 1, held).result()
 
-    def _start(self, sample_time: float) -> ContactModels:
+    def _start(self, sample_time: float) -> Models:
         """Return the machine at the start."""
         ports = self.nominal_plant.ports().closed_by(self.thrust, self.position)
         for contact in self.frictions:
@@ -111,10 +115,9 @@ class MultiContactMaximumLikelihood(DelayedEstimator, name="multi_contact_maximu
             (self.output_dead_time, self.output_time_constants),
             REPLAY_TOLERANCE_RATIO * self.interpolation_tolerance,
         )
-        first = next(iter(replay.frictions.values()))
-        return ContactModels(self.nominal_plant, first, replay, thrust=self.thrust, position=self.position)
+        return Models(self.nominal_plant, replay, thrust=self.thrust, position=self.position)
 
-    def _fit(self, signals: Signals, start: ContactModels, free: ContactParameters, noise: float) -> Fitted:
+    def _fit(self, signals: Signals, start: Models, free: FreeParameters, noise: float) -> Fitted:
         records = [self._record(segment) for segment in signals.segments]
         fit = RecordFit(records, start, free, self.resolution, noise, has_own_forces=False)
         state, linear = fit.converge(_unmoved(fit), LAST_GAIN)
@@ -126,13 +129,6 @@ class MultiContactMaximumLikelihood(DelayedEstimator, name="multi_contact_maximu
         omega = 2 * np.pi * segment.frequency
         path = self.input_path(omega, segment.sample_time) * self.output_path(omega)
         return ReplayedRecord(segment, self.input, self.output, path)
-
-
-class ContactFitReport(FitReport):
-    """The report of a fit to a machine with several contacts."""
-
-    def _friction_fit(self) -> None:
-        """Return no component: the friction of several contacts is told by its scales."""
 
 
 def _unmoved(fit: RecordFit) -> State:

@@ -205,7 +205,9 @@ class FitReport:
             yield friction
 
     def _friction_fit(self) -> Fit | None:
-        """Return friction as a component; none for a law whose parameters do not scale."""
+        """Return friction as a component; none for several contacts, and for a law whose parameters do not scale."""
+        if not self.found.models.has_one_contact:
+            return None
         free, friction = self.found.fit.free.friction, self.found.friction
         if friction is None:
             return None

@@ -510,7 +510,7 @@ class StagedFit:
             (observer.output_dead_time, observer.output_time_constants),
             REPLAY_TOLERANCE_RATIO * observer.interpolation_tolerance,
         )
-        start = Models(plant, observer.friction, model)
+        start = Models(plant, model)
         return RecordFit(records, start, self.free, observer.resolution, observer.noise)
 
     def _records(self, places: Sequence[int]) -> list[ReplayedRecord]:
