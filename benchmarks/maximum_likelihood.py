@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 from drawn_machines import DrawnMachine, drawn_machine
 from fraexp_plugins.identification._shared.law_numbers import scaled_friction as scaled_law
-from fraexp_plugins.identification.whole_record._shared.fit_report import FitReport
+from fraexp_plugins.identification.whole_record._fit_report import FitReport
 from fraexp_plugins.identification.whole_record.maximum_likelihood import MaximumLikelihood
 from friction_bands import squared_distance, within_limits
 from harness import ROOT, Bench, run

@@ -5,8 +5,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES, FreeParameters, nonzero_numbers
-from fraexp_plugins.identification.whole_record._shared.plan_search import (
+from fraexp_plugins.identification.whole_record._free_parameters import SCALES, FreeParameters, nonzero_numbers
+from fraexp_plugins.identification.whole_record._plan_search import (
     Plan,
     PlannedRecord,
     PlanSearch,

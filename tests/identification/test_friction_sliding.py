@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from fraexp_plugins.identification.friction._shared.friction_report import model_error_remarks
+from fraexp_plugins.identification.friction._friction_report import model_error_remarks
 from fraexp_plugins.identification.friction.sliding_identification import SlidingIdentification
 
 from fraexp.data.signals import Segment, Settling, Signals

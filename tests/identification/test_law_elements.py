@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification.autonomous._shared import law_choice
-from fraexp_plugins.identification.autonomous._shared.autonomous_lines import ElementObserver, remove_drift
-from fraexp_plugins.identification.autonomous._shared.law_choice import LawChoice, LawFit, choose_law
-from fraexp_plugins.identification.autonomous._shared.law_elements import LawElements, built_in_laws
+from fraexp_plugins.identification.autonomous import _law_choice
+from fraexp_plugins.identification.autonomous._autonomous_lines import ElementObserver, remove_drift
+from fraexp_plugins.identification.autonomous._law_choice import LawChoice, LawFit, choose_law
+from fraexp_plugins.identification.autonomous._law_elements import LawElements, built_in_laws
 from fraexp_plugins.identification.autonomous.plant_and_law import PlantAndLaw
 
 from fraexp.components.kinds import FrictionModel, Motion
@@ -119,8 +119,8 @@ def choice_of(model: FrictionModel, others: tuple[FrictionModel, ...] = ()) -> L
 def test_a_law_that_noise_does_not_explain_is_taken_with_a_verdict_that_says_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    families = law_choice._families
-    monkeypatch.setattr(law_choice, "_families", lambda *given: [next(families(*given))])
+    families = _law_choice._families
+    monkeypatch.setattr(_law_choice, "_families", lambda *given: [next(families(*given))])
     limits, widths = np.array([4.0, 6.0]), np.array([4e-6, 2e-5])
     model = Rolling(stiffness=limits / widths, limit_force=limits)
     gains = 1 + 3e-3 * np.random.default_rng(2).normal(size=24)  # of a drive that errs
@@ -140,8 +140,8 @@ def test_a_law_that_noise_does_not_explain_is_taken_with_a_verdict_that_says_so(
 @pytest.mark.parametrize("error", [0.0, 0.02])
 def test_a_law_is_judged_by_what_the_encoder_does_to_it(error: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Errors of stuck records, 200 times those of others, had let a law pass that 2 % of the thrust contradict."""
-    families = law_choice._families
-    monkeypatch.setattr(law_choice, "_families", lambda *given: [next(families(*given))])
+    families = _law_choice._families
+    monkeypatch.setattr(_law_choice, "_families", lambda *given: [next(families(*given))])
     limits, widths, generator = np.array([3.0, 7.0]), np.array([3e-7, 6e-6]), np.random.default_rng(5)
     model, segments, step = Rolling(stiffness=limits / widths, limit_force=limits), [], 1e-7
     for frequency in np.geomspace(3, 40, 6):
@@ -177,8 +177,8 @@ def test_a_mode_near_the_lowest_frequencies_is_not_taken_for_a_free_body(
     mode: float, is_free: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Far below the first mode an axis is a free body: elements that are a spring in most records are seen there."""
-    families = law_choice._families
-    monkeypatch.setattr(law_choice, "_families", lambda *given: [next(families(*given))])
+    families = _law_choice._families
+    monkeypatch.setattr(_law_choice, "_families", lambda *given: [next(families(*given))])
     observer, known = ElementObserver(friction=Frictionless(), oversampling=4), np.array([0.5, 100.0])
     inverse = known, -5.0 * (2 * np.pi * known) ** 2 + 0j
     choice: LawChoice = choose_law(signals_of(mode), observer, inverse, False)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_value
 from fraexp_plugins.identification._shared.law_numbers import shape_parameters
-from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES
-from fraexp_plugins.identification.whole_record._shared.motion_fit import fit_along_motion
+from fraexp_plugins.identification.whole_record._free_parameters import SCALES
+from fraexp_plugins.identification.whole_record._motion_fit import fit_along_motion
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.registry import create

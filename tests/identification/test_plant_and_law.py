@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from fraexp_plugins.estimators.conventional import Conventional
-from fraexp_plugins.identification.autonomous._shared.autonomous_plant import (
+from fraexp_plugins.identification.autonomous._autonomous_plant import (
     InverseResponse,
     identify_plant,
 )
-from fraexp_plugins.identification.autonomous._shared.law_fit import MAX_FALL
-from fraexp_plugins.identification.autonomous._shared.law_interval import sum_interval
+from fraexp_plugins.identification.autonomous._law_fit import MAX_FALL
+from fraexp_plugins.identification.autonomous._law_interval import sum_interval
 from fraexp_plugins.identification.autonomous.plant_and_law import PlantAndLaw
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal

@@ -8,7 +8,7 @@ from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.estimators.friction_model_test import FrictionModelTest
 from fraexp_plugins.friction.none import Frictionless
-from fraexp_plugins.identification.plant._shared.modal_solver import whiteness
+from fraexp_plugins.identification.plant._modal_solver import whiteness
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 

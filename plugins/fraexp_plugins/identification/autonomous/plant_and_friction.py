@@ -13,18 +13,18 @@ from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE, virgin_curve
 from fraexp_plugins.identification._shared.usable_records import usable_signals
-from fraexp_plugins.identification.autonomous._shared.autonomous_elements import (
+from fraexp_plugins.identification.autonomous._autonomous_elements import (
     AutonomousElements,
     fit_elements,
     relative_scatter,
 )
-from fraexp_plugins.identification.autonomous._shared.autonomous_lines import (
+from fraexp_plugins.identification.autonomous._autonomous_lines import (
     ElementObserver,
     SpectralLines,
     noise_variances,
     spectral_lines,
 )
-from fraexp_plugins.identification.autonomous._shared.autonomous_plant import (
+from fraexp_plugins.identification.autonomous._autonomous_plant import (
     IdentifiedPlant,
     identify_plant,
     response_of,

@@ -12,7 +12,7 @@ from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.identification._shared.friction_curves import virgin_curve
 from fraexp_plugins.identification._shared.usable_records import usable_signals
-from fraexp_plugins.identification.autonomous._shared.autonomous_lines import (
+from fraexp_plugins.identification.autonomous._autonomous_lines import (
     ElementObserver,
     SpectralLines,
     delayed_lines,
@@ -20,22 +20,22 @@ from fraexp_plugins.identification.autonomous._shared.autonomous_lines import (
     scatter_noise,
     spectral_lines,
 )
-from fraexp_plugins.identification.autonomous._shared.autonomous_plant import (
+from fraexp_plugins.identification.autonomous._autonomous_plant import (
     IdentifiedPlant,
     InverseResponse,
     identify_plant,
     plant_cost,
     response_of,
 )
-from fraexp_plugins.identification.autonomous._shared.law_choice import choose_law
-from fraexp_plugins.identification.autonomous._shared.law_fit import (
+from fraexp_plugins.identification.autonomous._law_choice import choose_law
+from fraexp_plugins.identification.autonomous._law_fit import (
     MAX_PLANT_COST,
     FittedLaw,
     LawReport,
     fit_law,
     rough_inverse,
 )
-from fraexp_plugins.identification.autonomous._shared.law_records import LawRecords
+from fraexp_plugins.identification.autonomous._law_records import LawRecords
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 

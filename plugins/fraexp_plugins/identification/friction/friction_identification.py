@@ -30,16 +30,15 @@ from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification._shared.law_numbers import LawNumbers, rough_model
 from fraexp_plugins.identification._shared.stop_operator import stop_operators, turning_points
-from fraexp_plugins.identification.friction._shared.element_grid import curve_end, element_solution
-from fraexp_plugins.identification.friction._shared.friction_record import (
+from fraexp_plugins.identification.friction._friction_record import (
     HOLD_MEANING,
     FrictionRecord,
     detect_zero_order_hold,
     friction_records,
     quantisation_step,
 )
-from fraexp_plugins.identification.friction._shared.friction_regression import SIGNED_TERMS, Observation, RegressionRows
-from fraexp_plugins.identification.friction._shared.friction_report import (
+from fraexp_plugins.identification.friction._friction_regression import SIGNED_TERMS, Observation, RegressionRows
+from fraexp_plugins.identification.friction._friction_report import (
     TITLES,
     UNITS,
     ReportedElements,
@@ -48,8 +47,8 @@ from fraexp_plugins.identification.friction._shared.friction_report import (
     outcome_of_fit,
     report,
 )
-from fraexp_plugins.identification.friction._shared.friction_task import IdentificationTask
-from fraexp_plugins.identification.friction._shared.shape_fit import (
+from fraexp_plugins.identification.friction._friction_task import IdentificationTask, curve_end, element_solution
+from fraexp_plugins.identification.friction._shape_fit import (
     DIFFERENCE_STEP,
     FreeElements,
     LawShape,

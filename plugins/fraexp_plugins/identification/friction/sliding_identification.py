@@ -9,25 +9,27 @@ from numpy.typing import NDArray
 from fraexp.api import Curve, Estimator, Fit, Metric, RecordError, Result, Signals, param
 from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE, force_over_velocity
-from fraexp_plugins.identification.friction._shared.friction_record import (
+from fraexp_plugins.identification.friction._friction_record import (
     HOLD_MEANING,
     FrictionRecord,
     detect_zero_order_hold,
     friction_records,
     quantisation_step,
 )
-from fraexp_plugins.identification.friction._shared.friction_regression import (
+from fraexp_plugins.identification.friction._friction_regression import (
     Observation,
     long_run_variance,
     misfit_variance,
 )
-from fraexp_plugins.identification.friction._shared.friction_report import has_model_error
-from fraexp_plugins.identification.friction._shared.position_force import Regression, Waves, regress
-from fraexp_plugins.identification.friction._shared.sliding_rows import (
+from fraexp_plugins.identification.friction._friction_report import has_model_error
+from fraexp_plugins.identification.friction._sliding_rows import (
     MIN_ROWS,
+    Regression,
     SlidingRows,
+    Waves,
     disturbed_start,
     least_squares,
+    regress,
     rows_after,
 )
 

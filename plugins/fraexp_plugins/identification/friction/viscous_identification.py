@@ -9,7 +9,7 @@ from fraexp.api import Curve, Estimator, Fit, Metric, RecordError, Result, Segme
 from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.identification._shared.friction_curves import force_over_velocity
 from fraexp_plugins.identification._shared.stop_operator import turning_points
-from fraexp_plugins.identification.friction._shared.friction_record import CYCLE_STROKE_RATIO, check_units
+from fraexp_plugins.identification.friction._friction_record import CYCLE_STROKE_RATIO, check_units
 
 T_QUANTILE = 0.975
 """Quantile of Student's distribution for 95 % intervals."""

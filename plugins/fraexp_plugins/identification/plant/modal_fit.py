@@ -20,14 +20,14 @@ from fraexp.api import (
     Signals,
     param,
 )
-from fraexp_plugins.identification.plant._shared.modal_model import (
+from fraexp_plugins.identification.plant._modal_model import (
     LogResponse,
     ModalModel,
     Weighting,
     log_response,
     parameter_symbol,
 )
-from fraexp_plugins.identification.plant._shared.modal_solver import (
+from fraexp_plugins.identification.plant._modal_solver import (
     MAX_PEAK_DAMPING,
     NORMAL_QUANTILE,
     WHITENESS_PROBABILITY,

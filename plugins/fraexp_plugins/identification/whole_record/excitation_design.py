@@ -28,14 +28,14 @@ from fraexp.api import (
 )
 from fraexp_plugins.excitations.sine_list import SineList
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
-from fraexp_plugins.identification.whole_record._shared.fit_report import FitReport
-from fraexp_plugins.identification.whole_record._shared.free_parameters import (
+from fraexp_plugins.identification.whole_record._fit_report import FitReport
+from fraexp_plugins.identification.whole_record._free_parameters import (
     DEAD_TIME,
     FreeParameters,
     nonzero_numbers,
 )
-from fraexp_plugins.identification.whole_record._shared.noise_level import NOISE
-from fraexp_plugins.identification.whole_record._shared.plan_search import (
+from fraexp_plugins.identification.whole_record._joint_fit import NOISE
+from fraexp_plugins.identification.whole_record._plan_search import (
     Plan,
     PlannedRecord,
     PlanSearch,

@@ -13,12 +13,11 @@ from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification._shared.law_numbers import shape_parameters
 from fraexp_plugins.identification._shared.usable_records import check_one_contact, usable_signals
-from fraexp_plugins.identification.whole_record._shared.fitted_records import Fitted
-from fraexp_plugins.identification.whole_record._shared.free_parameters import DEAD_TIME, SCALES
-from fraexp_plugins.identification.whole_record._shared.law_starts import rough_friction
-from fraexp_plugins.identification.whole_record._shared.motion_fit import MotionFit, fit_along_motion
-from fraexp_plugins.identification.whole_record._shared.noise_level import likely_noise, noise_in_records
-from fraexp_plugins.identification.whole_record._shared.staged_fit import StagedFit
+from fraexp_plugins.identification.whole_record._fitted_records import Fitted
+from fraexp_plugins.identification.whole_record._free_parameters import DEAD_TIME, SCALES
+from fraexp_plugins.identification.whole_record._joint_fit import likely_noise, noise_in_records
+from fraexp_plugins.identification.whole_record._motion_fit import MotionFit, fit_along_motion, rough_friction
+from fraexp_plugins.identification.whole_record._staged_fit import StagedFit
 from fraexp_plugins.identification.whole_record.maximum_likelihood import MaximumLikelihood
 
 HELD_OUT_STEP, FIRST_HELD_OUT, MIN_SEGMENTS = 4, 2, 8

@@ -14,11 +14,11 @@ from fraexp.api import (
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification._shared.usable_records import check_one_contact, check_segments, usable_signals
-from fraexp_plugins.identification.whole_record._shared.fit_report import FitReport
-from fraexp_plugins.identification.whole_record._shared.fitted_records import Fitted
-from fraexp_plugins.identification.whole_record._shared.free_parameters import SCALES, FreeParameters
-from fraexp_plugins.identification.whole_record._shared.noise_level import NOISE, likely_noise, noise_in_records
-from fraexp_plugins.identification.whole_record._shared.staged_fit import (
+from fraexp_plugins.identification.whole_record._fit_report import FitReport
+from fraexp_plugins.identification.whole_record._fitted_records import Fitted
+from fraexp_plugins.identification.whole_record._free_parameters import SCALES, FreeParameters
+from fraexp_plugins.identification.whole_record._joint_fit import NOISE, likely_noise, noise_in_records
+from fraexp_plugins.identification.whole_record._staged_fit import (
     MAX_PARAMETER_STD,
     MAX_START_RATIO,
     StagedFit,

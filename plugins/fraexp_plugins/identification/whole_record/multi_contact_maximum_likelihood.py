@@ -16,17 +16,17 @@ from fraexp.api import (
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.identification._shared.usable_records import check_one_thrust, check_segments, usable_signals
-from fraexp_plugins.identification.whole_record._shared.fit_report import FitReport
-from fraexp_plugins.identification.whole_record._shared.fitted_records import LAST_GAIN, Fitted, replay_error
-from fraexp_plugins.identification.whole_record._shared.free_parameters import (
+from fraexp_plugins.identification.whole_record._fit_report import FitReport
+from fraexp_plugins.identification.whole_record._fitted_records import LAST_GAIN, Fitted, replay_error
+from fraexp_plugins.identification.whole_record._free_parameters import (
     FreeParameters,
     Models,
     parameters_of_contacts,
 )
-from fraexp_plugins.identification.whole_record._shared.noise_level import noise_in_records
-from fraexp_plugins.identification.whole_record._shared.record_fit import RecordFit, State
-from fraexp_plugins.identification.whole_record._shared.replayed_record import ReplayedRecord
-from fraexp_plugins.identification.whole_record._shared.staged_fit import (
+from fraexp_plugins.identification.whole_record._joint_fit import noise_in_records
+from fraexp_plugins.identification.whole_record._record_fit import RecordFit, State
+from fraexp_plugins.identification.whole_record._replayed_record import ReplayedRecord
+from fraexp_plugins.identification.whole_record._staged_fit import (
     MAX_PARAMETER_STD,
     MAX_START_RATIO,
     REPLAY_TOLERANCE_RATIO,

@@ -14,7 +14,7 @@ from fraexp_plugins.estimators._shared.realisations import Part, circular_covari
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
-from fraexp_plugins.identification.whole_record._shared.fitted_records import (
+from fraexp_plugins.identification.whole_record._fitted_records import (
     LAST_GAIN,
     MAX_PLANT_RATIO,
     Fitted,
@@ -24,7 +24,7 @@ from fraexp_plugins.identification.whole_record._shared.fitted_records import (
     with_own_responses,
     without_plant,
 )
-from fraexp_plugins.identification.whole_record._shared.free_parameters import (
+from fraexp_plugins.identification.whole_record._free_parameters import (
     DEAD_TIME,
     DISPLACEMENT_SCALE,
     FORCE_SCALE,
@@ -33,8 +33,8 @@ from fraexp_plugins.identification.whole_record._shared.free_parameters import (
     Models,
     nonzero_numbers,
 )
-from fraexp_plugins.identification.whole_record._shared.record_fit import MAX_STEPS, RecordFit, State
-from fraexp_plugins.identification.whole_record._shared.replayed_record import ReplayedRecord
+from fraexp_plugins.identification.whole_record._record_fit import MAX_STEPS, RecordFit, State
+from fraexp_plugins.identification.whole_record._replayed_record import ReplayedRecord
 from fraexp_plugins.plants.modal import Modal
 
 PLANT_MODEL_ERROR = 1e-3

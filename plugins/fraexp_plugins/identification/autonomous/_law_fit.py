@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from fraexp.api import Fit, FrictionModel, Metric, Outcome, Result
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification._shared.law_numbers import unit_of_field
-from fraexp_plugins.identification.autonomous._shared.autonomous_elements import (
+from fraexp_plugins.identification.autonomous._autonomous_elements import (
     AutonomousElements,
     ProjectedProblem,
     relative_scatter,
 )
-from fraexp_plugins.identification.autonomous._shared.autonomous_lines import SpectralLines, delayed_lines
-from fraexp_plugins.identification.autonomous._shared.autonomous_plant import IdentifiedPlant, plant_cost
-from fraexp_plugins.identification.autonomous._shared.law_choice import LawChoice
-from fraexp_plugins.identification.autonomous._shared.law_elements import LawElements
+from fraexp_plugins.identification.autonomous._autonomous_lines import SpectralLines, delayed_lines
+from fraexp_plugins.identification.autonomous._autonomous_plant import IdentifiedPlant, plant_cost
+from fraexp_plugins.identification.autonomous._law_choice import LawChoice
+from fraexp_plugins.identification.autonomous._law_elements import LawElements
 
 RELATIVE_DIFFERENCE = 1e-4
 """Relative difference for derivatives."""

@@ -15,12 +15,12 @@ from fraexp_plugins.identification._shared.law_numbers import (
     ScaledParameter,
     scaled_parameters,
 )
-from fraexp_plugins.identification.plant._shared.modal_model import parameter_symbol
-from fraexp_plugins.identification.plant._shared.modal_solver import whiteness
-from fraexp_plugins.identification.whole_record._shared.fitted_records import Fitted
-from fraexp_plugins.identification.whole_record._shared.free_parameters import DEAD_TIME, SCALES
-from fraexp_plugins.identification.whole_record._shared.noise_level import NOISE, NoiseLevel
-from fraexp_plugins.identification.whole_record._shared.staged_fit import MAX_MEAN_RATIO
+from fraexp_plugins.identification.plant._modal_model import parameter_symbol
+from fraexp_plugins.identification.plant._modal_solver import whiteness
+from fraexp_plugins.identification.whole_record._fitted_records import Fitted
+from fraexp_plugins.identification.whole_record._free_parameters import DEAD_TIME, SCALES
+from fraexp_plugins.identification.whole_record._joint_fit import NOISE, NoiseLevel
+from fraexp_plugins.identification.whole_record._staged_fit import MAX_MEAN_RATIO
 
 MAX_RATIO, MAX_RATIO_STDS = 1.1, 4.0
 """Residual over what noise and rounding explain from which a record is not repeated, and scatter allowed above it."""

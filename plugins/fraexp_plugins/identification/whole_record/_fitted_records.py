@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from fraexp.api import FrictionModel
 from fraexp_plugins.identification._shared.law_numbers import scaled_friction
-from fraexp_plugins.identification.whole_record._shared.free_parameters import Models
-from fraexp_plugins.identification.whole_record._shared.joint_fit import Prior, interval_loss
-from fraexp_plugins.identification.whole_record._shared.record_fit import MAX_STEPS, LinearisedFit, RecordFit, State
-from fraexp_plugins.identification.whole_record._shared.replayed_record import Trial, positions_of
+from fraexp_plugins.identification.whole_record._free_parameters import Models
+from fraexp_plugins.identification.whole_record._joint_fit import Prior, interval_loss
+from fraexp_plugins.identification.whole_record._record_fit import MAX_STEPS, LinearisedFit, RecordFit, State
+from fraexp_plugins.identification.whole_record._replayed_record import Trial, positions_of
 
 STEPS_FACTOR = 4
 """Factor on the steps of the finer replay."""

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification.autonomous._shared.autonomous_lines import SpectralLines
+from fraexp_plugins.identification.autonomous._autonomous_lines import SpectralLines
 
 PRIOR_FORCE_RATIO = 0.3
 """Prior standard deviation of ΣF_m over the peak thrust, for independent elements."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fraexp.api import Curve, Fit, Metric, Outcome, Result, Signals
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE, virgin_curve
-from fraexp_plugins.identification.friction._shared.friction_regression import RegressionRows
+from fraexp_plugins.identification.friction._friction_regression import RegressionRows
 
 MAX_ERROR, MAX_UNEXPLAINED_ERROR = 0.1, 0.03
 """Errors over the Coulomb force above which the model is wrong: in any case, and if noise does not explain it."""

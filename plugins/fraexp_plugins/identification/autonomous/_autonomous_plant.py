@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from fraexp.api import Fit, FrequencyResponse, RecordError, Result, Signals
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
 from fraexp_plugins.estimators._shared.realisations import Part, circular_covariance, combine_parts
-from fraexp_plugins.identification.autonomous._shared.autonomous_elements import AutonomousElements
-from fraexp_plugins.identification.autonomous._shared.autonomous_lines import SpectralLines
-from fraexp_plugins.identification.plant._shared.modal_model import ModalModel, log_response
-from fraexp_plugins.identification.plant._shared.modal_solver import Solution, fit_of_order
+from fraexp_plugins.identification.autonomous._autonomous_elements import AutonomousElements
+from fraexp_plugins.identification.autonomous._autonomous_lines import SpectralLines
+from fraexp_plugins.identification.plant._modal_model import ModalModel, log_response
+from fraexp_plugins.identification.plant._modal_solver import Solution, fit_of_order
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 
 MAX_ITERATIONS, CONVERGED_STDS = 6, 0.01

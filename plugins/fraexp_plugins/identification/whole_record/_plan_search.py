@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp_plugins.identification.whole_record._shared.joint_fit import LinearRecord, interval_loss
-from fraexp_plugins.identification.whole_record._shared.record_fit import RecordFit, State
+from fraexp_plugins.identification.whole_record._joint_fit import LinearRecord, interval_loss
+from fraexp_plugins.identification.whole_record._record_fit import RecordFit, State
 
 MIN_DITHER_RATIO = 0.1
 """Noise over the encoder's step below which a repeated period is rounded as the one before, and tells nothing new."""

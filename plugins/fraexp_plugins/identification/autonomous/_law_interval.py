@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp_plugins.identification.autonomous._shared.law_elements import LawElements, built_in_laws
-from fraexp_plugins.identification.autonomous._shared.law_records import LawRecords
+from fraexp_plugins.identification.autonomous._law_elements import LawElements, built_in_laws
+from fraexp_plugins.identification.autonomous._law_records import LawRecords
 
 RIDGE_RATIO = 1e-6
 """Weight of a ridge over that of the largest column: it decides between columns that are equal."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Plant, Replay, Replayed, ReplayModel, Segment, replay
-from fraexp_plugins.identification.whole_record._shared.free_parameters import Models
+from fraexp_plugins.identification.whole_record._free_parameters import Models
 
 DRIFT_STDS = 4.0
 """Standard deviations of scatter, from which a drift is none."""

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from fraexp.api import FrictionModel, Motion, ParameterError, RecordError
 from fraexp_plugins.identification._shared.law_numbers import LawNumbers
 from fraexp_plugins.identification._shared.stop_operator import stop_operators, threshold_sensitivity
-from fraexp_plugins.identification.friction._shared.friction_record import FrictionRecord
-from fraexp_plugins.identification.friction._shared.friction_regression import (
+from fraexp_plugins.identification.friction._friction_record import FrictionRecord
+from fraexp_plugins.identification.friction._friction_regression import (
     CompressedRows,
     RegressionRows,
     long_run_variance,
     pseudo_inverse,
 )
-from fraexp_plugins.identification.friction._shared.friction_task import IdentificationTask
+from fraexp_plugins.identification.friction._friction_task import IdentificationTask
 
 DIFFERENCE_STEP = 1e-5
 """Step of a coordinate over which differences are taken."""

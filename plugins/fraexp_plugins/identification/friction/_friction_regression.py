@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError
-from fraexp_plugins.identification.friction._shared.friction_record import FrictionRecord
+from fraexp_plugins.identification.friction._friction_record import FrictionRecord
 
 FILTER_HALF_LENGTH_STDS = 4.0
 """Half length of the low-pass filter in its standard deviations."""

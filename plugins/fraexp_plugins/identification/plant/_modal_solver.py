@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError
-from fraexp_plugins.identification.plant._shared.modal_model import LogResponse, ModalModel, resonators
+from fraexp_plugins.identification.plant._modal_model import LogResponse, ModalModel, resonators
 
 MAX_LAGS = 10
 COST_TOLERANCE, STEP_TOLERANCE = 1e-8, 1e-10

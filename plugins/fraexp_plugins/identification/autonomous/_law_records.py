@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Motion, Segment, Signals, fourier_sums
-from fraexp_plugins.identification.autonomous._shared.autonomous_elements import FREE_BODY_TERMS, ProjectedProblem
-from fraexp_plugins.identification.autonomous._shared.autonomous_lines import (
+from fraexp_plugins.identification.autonomous._autonomous_elements import FREE_BODY_TERMS, ProjectedProblem
+from fraexp_plugins.identification.autonomous._autonomous_lines import (
     ElementObserver,
     SpectralLines,
     delayed_lines,
     spectral_lines,
 )
-from fraexp_plugins.identification.autonomous._shared.law_elements import LawElements
+from fraexp_plugins.identification.autonomous._law_elements import LawElements
 
 HARMONICS = (1, 3, 5, 7, 9)
 """Harmonics of a sine that are compared: symmetric friction has no even ones."""

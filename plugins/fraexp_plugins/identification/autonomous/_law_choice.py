@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import FrictionModel, Signals
-from fraexp_plugins.identification.autonomous._shared.autonomous_lines import ElementObserver
-from fraexp_plugins.identification.autonomous._shared.law_elements import LawElements, built_in_laws, unit_law
-from fraexp_plugins.identification.autonomous._shared.law_interval import (
+from fraexp_plugins.identification.autonomous._autonomous_lines import ElementObserver
+from fraexp_plugins.identification.autonomous._law_elements import LawElements, built_in_laws, unit_law
+from fraexp_plugins.identification.autonomous._law_interval import (
     INTERVAL_STDS,
     LawProfile,
     LawUncertainty,
     law_uncertainty,
 )
-from fraexp_plugins.identification.autonomous._shared.law_records import LawRecords, LawSolution
+from fraexp_plugins.identification.autonomous._law_records import LawRecords, LawSolution
 
 SEARCH_STEP = 3
 """Every third frequency is taken in the search for a law; all of them judge it."""

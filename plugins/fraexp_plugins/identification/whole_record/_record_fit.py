@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import ParameterError
-from fraexp_plugins.identification.whole_record._shared.free_parameters import FreeParameters, Models
-from fraexp_plugins.identification.whole_record._shared.joint_fit import (
+from fraexp_plugins.identification.whole_record._free_parameters import FreeParameters, Models
+from fraexp_plugins.identification.whole_record._joint_fit import (
     FitStep,
     LinearRecord,
     Prior,
     fit_linear,
     interval_loss,
 )
-from fraexp_plugins.identification.whole_record._shared.replayed_record import (
+from fraexp_plugins.identification.whole_record._replayed_record import (
     ReplayedRecord,
     Trial,
     positions_of,

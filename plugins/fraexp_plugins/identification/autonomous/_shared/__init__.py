@@ -1,1 +1,0 @@
-"""Helpers of the joint identification: spectral lines, friction elements, the plant."""

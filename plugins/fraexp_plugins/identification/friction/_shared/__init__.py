@@ -1,1 +1,0 @@
-"""Helpers of friction identification: records, regression, reports."""

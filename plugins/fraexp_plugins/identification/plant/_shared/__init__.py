@@ -1,1 +1,0 @@
-"""Helpers of the plant fit: the model, its start values, its order, its solver."""
