@@ -1,4 +1,4 @@
-"""The built-in components: ordinary plugins, one a file, imported when they are used; the names of helpers begin with `_`."""
+"""The built-in components: ordinary plugins, one a file, imported when used; names of helpers begin with `_`."""
 
 from fraexp.api import component_modules
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError, Segment, Signals
-from fraexp_plugins.identification._shared.stop_operator import turning_points
+from fraexp_plugins.identification._shared.stop_operator import stop_operators, turning_points
 
 MIN_CYCLES = 4
 """Cycles below which a record is divided into parts instead, so that some can be held out."""
@@ -50,6 +50,10 @@ class FrictionRecord:
         span = np.maximum.accumulate(motion) - np.minimum.accumulate(motion)
         known = int(np.searchsorted(span, 2 * max_threshold * (1 - 1e-12)))
         return max(known - self.before.size, 0)
+
+    def deflections(self, thresholds: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the deflections of elements with thresholds [m], from their state before the record, shape (n, N)."""
+        return stop_operators(np.concatenate([self.before, self.displacement]), thresholds)[self.before.size :]
 
     def velocity(self) -> NDArray[np.float64]:
         """Return the velocity [m/s], shape (n,)."""

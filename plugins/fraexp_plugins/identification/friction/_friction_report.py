@@ -86,14 +86,12 @@ def report(
     errors: Errors,
     cycles: tuple[int, int],
     remarks: Sequence[str],
-    whole: bool = True,
 ) -> Result:
     """Return the result: parameters, errors and energy as metrics, virgin curve and forces as curves, and the fit.
 
-    `cycles` are the numbers of fitted and of held-out cycles. The rows give the energy if they contain the `whole`
-    force along all of the motion.
+    `cycles` are the numbers of fitted and of held-out cycles.
     """
-    metrics = [*_parameters(found), *_quality(found, rows, errors, whole), *_counts(cycles, found), *_deviations(found)]
+    metrics = [*_parameters(found), *_quality(found, rows, errors), *_counts(cycles, found), *_deviations(found)]
     curves = (virgin_curve(*found.virgin_curve), force_curve(rows, errors))
     message = "; ".join([*([signals.message] if signals.message else []), *remarks])
     outcome = outcome_of_fit(signals.outcome, found.coulomb[0], errors.worst)
@@ -156,13 +154,12 @@ def _deviations(found: ReportedElements) -> list[Metric]:
     return [Metric("Coulomb force, 95 %", NORMAL_QUANTILE * found.coulomb[1], "N"), *terms]
 
 
-def _quality(found: ReportedElements, rows: Sequence[RegressionRows], errors: Errors, whole: bool) -> list[Metric]:
+def _quality(found: ReportedElements, rows: Sequence[RegressionRows], errors: Errors) -> list[Metric]:
     metrics = []
     if np.isfinite(errors.held_out):
         metrics.append(Metric("rms error, held-out cycles", errors.held_out, "N"))
-    if whole:
-        measured, model = energies(found, rows, errors)
-        metrics += [Metric("energy per cycle", measured, "N m"), Metric("energy per cycle, model", model, "N m")]
+    measured, model = energies(found, rows, errors)
+    metrics += [Metric("energy per cycle", measured, "N m"), Metric("energy per cycle, model", model, "N m")]
     metrics.append(Metric("rms error, fitted cycles", errors.fitted, "N"))
     if np.isfinite(errors.held_out):
         share = errors.held_out / found.coulomb[0]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fraexp.api import RecordError
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
-from fraexp_plugins.identification._shared.stop_operator import stop_operators, turning_points
+from fraexp_plugins.identification._shared.stop_operator import turning_points
 from fraexp_plugins.identification.friction._friction_record import (
     FrictionRecord,
 )
@@ -57,13 +57,8 @@ class IdentificationTask:
 
     def rows(self, thresholds: NDArray[np.float64]) -> list[RegressionRows]:
         """Return the rows of all records for elements with these thresholds [m], shape (N,)."""
-        elements = [self.deflections(record, thresholds) for record in self.records]
+        elements = [record.deflections(thresholds) for record in self.records]
         return self.rows_with(elements)
-
-    def deflections(self, record: FrictionRecord, thresholds: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the elements' deflections [m] along a record, shape (n, N)."""
-        motion = np.concatenate([record.before, record.displacement])
-        return stop_operators(motion, thresholds)[record.before.size :]
 
     def rows_with(self, elements: Sequence[NDArray[np.float64]]) -> list[RegressionRows]:
         """Return the rows of all records with these columns of elements, each (n, N)."""
@@ -245,9 +240,7 @@ def _spring_remarks(
     rows: Sequence[RegressionRows], task: IdentificationTask, coefficients: NDArray[np.float64]
 ) -> list[str]:
     """Return a remark if a spring to ground explains a part of the force; RecordError if it explains most of it."""
-    elements = [
-        np.column_stack([task.deflections(record, task.thresholds), record.displacement]) for record in task.records
-    ]
+    elements = [np.column_stack([record.deflections(task.thresholds), record.displacement]) for record in task.records]
     with_spring = task.rows_with(elements)
     compressed = CompressedRows(with_spring, task.cycles)
     found = compressed.solve(np.ones(with_spring[0].columns.shape[1], dtype=bool))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fraexp.api import FrictionModel, Motion, ParameterError, RecordError
 from fraexp_plugins.identification._shared.law_numbers import LawNumbers
-from fraexp_plugins.identification._shared.stop_operator import stop_operators, threshold_sensitivity
+from fraexp_plugins.identification._shared.stop_operator import threshold_sensitivity
 from fraexp_plugins.identification.friction._friction_record import FrictionRecord
 from fraexp_plugins.identification.friction._friction_regression import (
     CompressedRows,
@@ -61,7 +61,7 @@ class FreeElements(ForceShape):
     def columns(self, record: FrictionRecord, shape: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the force of each element over its stiffness [m], shape (n, N)."""
         thresholds, damped = self._split(shape)
-        deflection = self._deflection(record, thresholds)
+        deflection = record.deflections(thresholds)
         if not damped.size:
             return deflection
         return np.clip(deflection + damped * _velocity(record), -thresholds, thresholds)
@@ -71,7 +71,7 @@ class FreeElements(ForceShape):
     ) -> NDArray[np.float64]:
         """Return the derivative of the force with these stiffnesses by the logarithms, shape (n, q)."""
         thresholds, damped = self._split(shape)
-        deflection = self._deflection(record, thresholds)
+        deflection = record.deflections(thresholds)
         by_threshold = threshold_sensitivity(deflection, thresholds)
         if not damped.size:
             return sizes * thresholds * by_threshold
@@ -89,11 +89,6 @@ class FreeElements(ForceShape):
 
     def _split(self, shape: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return np.exp(shape[: self.count]), np.exp(shape[self.count :])
-
-    @staticmethod
-    def _deflection(record: FrictionRecord, thresholds: NDArray[np.float64]) -> NDArray[np.float64]:
-        motion = np.concatenate([record.before, record.displacement])
-        return stop_operators(motion, thresholds)[record.before.size :]
 
 
 def _velocity(record: FrictionRecord) -> NDArray[np.float64]:

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.api import Fit
+from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.identification.friction._friction_record import FrictionRecord
 from fraexp_plugins.identification.friction._friction_regression import pseudo_inverse
 
@@ -234,3 +236,10 @@ def _start_ratios(found: Sequence[SlidingRows], limits: NDArray[np.float64]) -> 
 
 def _root_mean_square(values: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.add.reduce(values**2) / values.size))
+
+
+def coulomb_fit(values: NDArray[np.float64], covariance: NDArray[np.float64]) -> Fit:
+    """Return Coulomb friction with the second value, a force [N], and the third, a coefficient [N s/m]."""
+    model = Coulomb(coulomb_force=float(values[1]), viscous_coefficient=max(float(values[2]), 0.0))
+    names, units = ("coulomb_force", "viscous_coefficient"), ("N", "N s/m")
+    return Fit("friction", model.spec(), names, units, values[1:3], covariance[1:3, 1:3])

@@ -29,7 +29,7 @@ from fraexp_plugins.friction.lugre import LuGre
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification._shared.law_numbers import LawNumbers, rough_model
-from fraexp_plugins.identification._shared.stop_operator import stop_operators, turning_points
+from fraexp_plugins.identification._shared.stop_operator import turning_points
 from fraexp_plugins.identification.friction._friction_record import (
     HOLD_MEANING,
     FrictionRecord,
@@ -452,8 +452,7 @@ def _law_result(signals: Signals, found: ShapedForces) -> Result:
 
 def _sliding_speeds(record: FrictionRecord, max_threshold: float) -> NDArray[np.float64]:
     """Return the speeds [m/s] at which all elements slip, the largest included."""
-    motion = np.concatenate([record.before, record.displacement])
-    deflection = stop_operators(motion, np.array([max_threshold]))[record.before.size :, 0]
+    deflection = record.deflections(np.array([max_threshold]))[:, 0]
     speeds = np.abs(record.velocity())[np.abs(deflection) >= max_threshold]
     return speeds[speeds > 0]
 

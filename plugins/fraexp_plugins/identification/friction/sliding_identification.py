@@ -6,8 +6,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve, Estimator, Fit, Metric, RecordError, Result, Signals, param
-from fraexp_plugins.friction.coulomb import Coulomb
+from fraexp.api import Curve, Estimator, Metric, RecordError, Result, Signals, param
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE, force_over_velocity
 from fraexp_plugins.identification.friction._friction_record import (
     HOLD_MEANING,
@@ -27,6 +26,7 @@ from fraexp_plugins.identification.friction._sliding_rows import (
     Regression,
     SlidingRows,
     Waves,
+    coulomb_fit,
     disturbed_start,
     least_squares,
     regress,
@@ -177,7 +177,7 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=5)
             ),
             metrics=_metrics(chosen, covariance),
             curves=(_curve(chosen),),
-            fits=(_fit(values, covariance),),
+            fits=(coulomb_fit(values, covariance),),
         )
 
     def _solutions(self, task: _Task) -> dict[bool, _Solution]:
@@ -375,9 +375,3 @@ def _curve(solution: _Solution) -> Curve:
     steady = np.column_stack([np.sign(velocity), velocity, np.ones_like(velocity), np.abs(velocity)])
     law = steady[:, : len(solution.values) - 1] @ solution.values[1:]
     return force_over_velocity(velocity, law + solution.force - solution.columns @ solution.values, law)
-
-
-def _fit(values: NDArray[np.float64], covariance: NDArray[np.float64]) -> Fit:
-    model = Coulomb(coulomb_force=float(values[1]), viscous_coefficient=max(float(values[2]), 0.0))
-    names, units = ("coulomb_force", "viscous_coefficient"), ("N", "N s/m")
-    return Fit("friction", model.spec(), names, units, values[1:3], covariance[1:3, 1:3])

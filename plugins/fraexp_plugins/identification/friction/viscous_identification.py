@@ -5,11 +5,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve, Estimator, Fit, Metric, RecordError, Result, Segment, Signals, param
-from fraexp_plugins.friction.coulomb import Coulomb
+from fraexp.api import Curve, Estimator, Metric, RecordError, Result, Segment, Signals, param
 from fraexp_plugins.identification._shared.friction_curves import force_over_velocity
 from fraexp_plugins.identification._shared.stop_operator import turning_points
 from fraexp_plugins.identification.friction._friction_record import CYCLE_STROKE_RATIO, check_units
+from fraexp_plugins.identification.friction._sliding_rows import coulomb_fit
 
 T_QUANTILE = 0.975
 """Quantile of Student's distribution for 95 % intervals."""
@@ -60,7 +60,7 @@ class ViscousIdentification(Estimator, name="viscous_identification", version=2)
             "; ".join(remarks),
             metrics=_metrics(values, covariance, len(runs)),
             curves=(_curve(runs, values),),
-            fits=(_fit(values, covariance),),
+            fits=(coulomb_fit(values, covariance),),
         )
 
     def _runs(self, segment: Segment) -> list[tuple[float, float, float]]:
@@ -138,9 +138,3 @@ def _curve(runs: NDArray[np.float64], values: NDArray[np.float64]) -> Curve:
     velocity, force, acceleration = runs.T
     force = force - (values[3] if values.size > 3 else 0.0) * acceleration
     return force_over_velocity(velocity, force, values[0] + values[1] * np.sign(velocity) + values[2] * velocity)
-
-
-def _fit(values: NDArray[np.float64], covariance: NDArray[np.float64]) -> Fit:
-    model = Coulomb(coulomb_force=float(values[1]), viscous_coefficient=float(values[2]))
-    names, units = ("coulomb_force", "viscous_coefficient"), ("N", "N s/m")
-    return Fit("friction", model.spec(), names, units, values[1:3], covariance[1:3, 1:3])
