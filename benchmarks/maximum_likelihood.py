@@ -274,7 +274,7 @@ def coverage(bench: Bench) -> None:
     sine = {"frequencies": COVERED_HZ, "recorded_periods": PERIODS}
     for seed in range(bench.seed, bench.seed + seeds):
         signals = paper_signals(sine, COVERAGE_STEPS, noise=NOISE_M, seed=seed)
-        fit = estimator.staged_fit(signals, NOISE_M, estimator.free)
+        fit = estimator.staged_fit(signals, NOISE_M, estimator.own_free)
         known = known or fit.joint()
         result = FitReport(signals, *fit.run(known)).result()
         response = response_of(result)

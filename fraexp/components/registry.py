@@ -276,6 +276,8 @@ class Registry:
                     of: self._create(nested.kind, part, environment)
                     for of, part in components_by_port(values.get(key)).items()
                 }
+            elif nested is not None and key not in given and _is_for_contacts(cls, nested, values.get(key)):
+                del values[key]  # another parameter takes a model for each contact
             elif nested is not None and isinstance(values.get(key), Mapping):
                 self._check_one_model(cls, nested, values[key])
                 values[key] = self._create(nested.kind, values[key], environment)
@@ -301,6 +303,11 @@ def _takes_contacts(cls: type[Parameters], nested: type[Component]) -> bool:
     """Say whether a component takes a model of this kind for each contact."""
     infos = [info for info in cls.model_fields.values() if get_origin(info.annotation) is dict]
     return any(nested_kind(info) is nested for info in infos)
+
+
+def _is_for_contacts(cls: type[Parameters], nested: type[Component], value: Any) -> bool:
+    """Say whether a value is components of several ports, which a component takes by another parameter."""
+    return len(components_by_port(value)) >= MIN_PORTS and _takes_contacts(cls, nested)
 
 
 def _session_remedy(kind: str, name: str) -> str:

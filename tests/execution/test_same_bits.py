@@ -39,7 +39,6 @@ LONG = {"plant_and_friction", "friction_identification", "sliding_identification
 """Identification that takes ten seconds and more; it computes as viscous_identification or maximum_likelihood do, which
 are here."""
 UNUSED = {"local_rational", "injection_on_motion", "loop_tuning", "plant_and_law", "excitation_design"}
-UNUSED |= {"multi_contact_maximum_likelihood"}
 """Estimators that are in none of these studies."""
 
 

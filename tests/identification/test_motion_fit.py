@@ -20,7 +20,7 @@ def fitted(registry, signals, spec):
     """Return the fit of a law with all its numbers free, and what it finds, by name."""
     friction = create(registry, FrictionModel, spec)
     method = estimator(spec, free=[*SCALES, *shape_parameters(friction)])
-    staged = method.staged_fit(signals, 0.0, method.free)
+    staged = method.staged_fit(signals, 0.0, method.own_free)
     found = fit_along_motion(staged)
     factors = dict(zip(staged.free.names, np.exp(found.shared), strict=False))
     values = {name: factor * parameter_value(friction, name) for name, factor in factors.items() if name not in SCALES}
@@ -40,7 +40,7 @@ def test_numbers_that_are_wrong_by_a_factor_are_found(recorded, registry):
 def test_a_plant_that_is_given_stays(recorded, registry):
     signals = recorded(excitation=SINES)
     method = estimator(nominal_plant=MACHINE["plant"])
-    staged = method.staged_fit(signals, 0.0, method.free)
+    staged = method.staged_fit(signals, 0.0, method.own_free)
     found = fit_along_motion(staged)
     assert found.plant == method.nominal_plant
     assert found.shared == pytest.approx([0, 0], abs=0.01)

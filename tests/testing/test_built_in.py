@@ -28,7 +28,7 @@ COSTLY = {
 }
 """Kinds, and checks of theirs that take seconds: in make test, the seeded defects are enough for them."""
 ALIKE = {"composite", "dahl", "elastoplastic", "gms", "lugre", "rolling_force_slider"} | {
-    "maximum_likelihood", "multi_contact_maximum_likelihood"
+    "maximum_likelihood"
 }  # fmt: skip
 """Friction laws that are made like others, and methods that take long: in make test, the others are enough."""
 

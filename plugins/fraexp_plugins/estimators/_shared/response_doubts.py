@@ -125,7 +125,7 @@ def check_contact_standstill(
         f"the motion does not show the friction force at standstill and reversal at {wrong.sum()} of {wrong.size} "
         f"frequencies ({frequency_text(frequency[wrong])}): contact {' or '.join(contacts)} stands for up to "
         f"{share:.0%} of the time, and at {frequency[worst]:.4g} Hz the response may be off {off}; raise the "
-        "amplitude, or estimate plant and friction along the whole record (multi_contact_maximum_likelihood)",
+        "amplitude, or estimate plant and friction along the whole record (maximum_likelihood)",
     )
 
 

@@ -57,7 +57,7 @@ def check_one_contact(signals: Signals, estimator: str) -> None:
     if len(contacts) > 1:
         raise RecordError(
             f"{estimator}: the machine has friction at {len(contacts)} contacts ({', '.join(contacts)}); expected one, "
-            "as the plant that is fitted has it: use multi_contact_maximum_likelihood or multi_contact_effective_input"
+            "as the plant that is fitted has it: give the model of each one, as maximum_likelihood.frictions"
         )
 
 

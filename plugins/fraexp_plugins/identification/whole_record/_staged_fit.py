@@ -362,7 +362,7 @@ class StagedFit:
 
     def predicted_ratios(self, found: Fitted, signals: Signals) -> NDArray[np.float64]:
         """Return what a joint fit leaves of other records, over what noise and rounding explain, shape (records,)."""
-        records = [self._record(segment) for segment in signals.segments]
+        records = [replayed_record(segment, self.observer) for segment in signals.segments]
         return replace(found.fit, records=records).predicted_ratios(found.state.shared)
 
     def _best_start(self) -> tuple[Fitted, int]:
@@ -514,9 +514,11 @@ class StagedFit:
         return RecordFit(records, start, self.free, observer.resolution, observer.noise)
 
     def _records(self, places: Sequence[int]) -> list[ReplayedRecord]:
-        return [self._record(self.signals.segments[place]) for place in places]
+        return [replayed_record(self.signals.segments[place], self.observer) for place in places]
 
-    def _record(self, segment: Segment) -> ReplayedRecord:
-        omega = 2 * np.pi * segment.frequency
-        path = self.observer.input_path(omega, segment.sample_time) * self.observer.output_path(omega)
-        return ReplayedRecord(segment, self.observer.input, self.observer.output, path)
+
+def replayed_record(segment: Segment, observer: EffectiveInput) -> ReplayedRecord:
+    """Return a record with the delays around the plant that an observer has."""
+    omega = 2 * np.pi * segment.frequency
+    path = observer.input_path(omega, segment.sample_time) * observer.output_path(omega)
+    return ReplayedRecord(segment, observer.input, observer.output, path)

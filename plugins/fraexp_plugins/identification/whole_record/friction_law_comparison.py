@@ -154,7 +154,7 @@ class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", ve
         return noise_in_records(signals, self.output, self.resolution) if self.noise is None else self.noise
 
     def _staged_fit(self, method: MaximumLikelihood, signals: Signals) -> StagedFit:
-        return method.staged_fit(signals, self._noise(signals), method.free)
+        return method.staged_fit(signals, self._noise(signals), method.own_free)
 
     def _carried(self, trial: "_LawTrial", kept: Signals, held_out: Signals, is_thorough: bool = False) -> "_LawTrial":
         """Return how a law fits the records that are kept, and predicts those that are held out."""
@@ -205,7 +205,7 @@ class _LawTrial:
         """Bayesian information criterion, of which the least is best (G. Schwarz, Annals of Statistics 6(2), 1978)."""
         assert self.found is not None
         samples = sum(record.residual.size for record in self.found.linear.records)
-        return len(self.method.free) * float(np.log(samples)) - 2 * samples * self.log_likelihood
+        return len(self.method.own_free) * float(np.log(samples)) - 2 * samples * self.log_likelihood
 
 
 def _has_fitting(trials: Sequence[_LawTrial]) -> bool:
@@ -218,7 +218,7 @@ def _may_win(trial: _LawTrial, trials: Sequence[_LawTrial]) -> bool:
     return not any(
         other.ratio <= EQUAL_RATIO
         and other.motion_residual <= trial.motion_residual
-        and len(other.method.free) <= len(trial.method.free)
+        and len(other.method.own_free) <= len(trial.method.own_free)
         for other in trials
     )
 

@@ -13,7 +13,14 @@ from fraexp.api import (
 )
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators.effective_input import EffectiveInput
-from fraexp_plugins.identification._shared.usable_records import check_one_contact, check_segments, usable_signals
+from fraexp_plugins.friction.none import Frictionless
+from fraexp_plugins.identification._shared.usable_records import (
+    check_one_contact,
+    check_one_thrust,
+    check_segments,
+    usable_signals,
+)
+from fraexp_plugins.identification.whole_record._contact_fit import fit_contacts, machine_of_contacts
 from fraexp_plugins.identification.whole_record._fit_report import FitReport
 from fraexp_plugins.identification.whole_record._fitted_records import Fitted
 from fraexp_plugins.identification.whole_record._free_parameters import SCALES, FreeParameters
@@ -25,7 +32,7 @@ from fraexp_plugins.identification.whole_record._staged_fit import (
 )
 
 
-class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=7):
+class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=8):
     """P̂ of greatest likelihood: a simulated machine that repeats all samples of the records, friction included.
 
     The observer of `effective_input` drives its friction model by measured positions, and takes the small difference of
@@ -54,18 +61,34 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=7):
 
     Where noise goes round a loop, no period repeats another. The state at the start of a record is then its own, too.
 
-    It needs the steady state of stepped sines or multisines of up to 64 lines, from one contact. Where friction holds
+    With friction at several contacts the response between one thrust and one position does not say how friction at
+    another one moves the machine. So the plant is one with ports whose numbers are estimated, `nominal_plant` being the
+    start, and P̂ is its response: a mode that it lacks is not found, but shows in the residual. The one position that is
+    fed back tells the scales of all contacts if the records have frequencies below and above the modes; below them all
+    contacts move alike. The start must be near: friction, its viscous part included, and plant within some ten percent.
+    There is one start. A number that is 0 at the start stays 0.
+
+    It needs the steady state of stepped sines or multisines of up to 64 lines. Where friction holds
     the machine nearly still at all frequencies there is nothing to see, by this method neither. Simulation takes time:
     about 0.1 s for each frequency.
     """
 
-    friction: FrictionModel = param("", "friction model at the start", inherit="friction")
-    free: tuple[str, ...] = param(
-        "",
-        "what is estimated: force_scale, displacement_scale, names of the model's numbers, input_dead_time, noise",
-        SCALES,
+    friction: FrictionModel | None = param("", "friction model at the start", None, inherit="friction")
+    frictions: dict[str, FrictionModel] = param(
+        "", "friction model of each contact at the start, of a machine with several", {}, inherit="friction"
     )
-    nominal_plant: Plant | None = param("", "plant at the harmonics; fitted to the response if it is not given", None)
+    free: tuple[str, ...] | None = param(
+        "",
+        "what is estimated: force_scale, displacement_scale, names of the model's numbers, input_dead_time, noise; of "
+        "several contacts such as motor.force_scale or stiffness. By default the scales, and with several contacts "
+        "their viscous coefficients and all numbers of the plant, too",
+        None,
+    )
+    nominal_plant: Plant | None = param(
+        "", "plant at the harmonics, fitted to the response if it is not given; the start, with several contacts", None
+    )
+    thrust: str = param("", "thrust that is excited, as in the loop", "", inherit="loop.thrust")
+    position: str = param("", "position that is fed back, as in the loop", "", inherit="loop.position")
     modes: int | None = param("1", "modes of the fitted plant; chosen if not given", None, at_least=0, at_most=12)
     resolution: float = param("m", "quantisation step of the encoder", 0.0, at_least=0, inherit="loop.resolution")
     noise: float | None = param(
@@ -81,52 +104,79 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=7):
 
     def model_post_init(self, context: object) -> None:
         """Check the names of the free parameters, and that plant and friction can be replayed."""
-        if isinstance(self.friction, PositionDependentFriction):
-            raise ParameterError(
-                "maximum_likelihood.friction has a position_dependence, and a replay does not know where on the stroke "
-                "the record was; leave it out, or use effective_input"
-            )
-        FreeParameters(tuple(name for name in self.free if name != NOISE)).check(self.friction)
+        models: dict[str, FrictionModel | None] = {"friction": self.friction}
+        models |= {f"frictions.{contact}": model for contact, model in self.frictions.items()}
+        for place, model in models.items():
+            if isinstance(model, PositionDependentFriction):
+                raise ParameterError(
+                    f"maximum_likelihood.{place} has a position_dependence, and a replay does not know where on the "
+                    "stroke the record was; leave it out, or use an effective input"
+                )
         contacts = [] if self.nominal_plant is None else list(self.nominal_plant.ports().contacts)
+        if self.frictions:
+            if self.nominal_plant is None:
+                raise ParameterError("maximum_likelihood.nominal_plant is missing; expected the plant of all contacts")
+            return
         if len(contacts) > 1:
             raise ParameterError(
                 f"maximum_likelihood.nominal_plant has friction at {len(contacts)} contacts ({', '.join(contacts)}); "
-                "expected one: use multi_contact_maximum_likelihood"
+                "give the model of each one in frictions"
             )
+        FreeParameters(tuple(name for name in self.own_free if name != NOISE)).check(self.law)
 
     def estimate(self, signals: Signals) -> Result:
         """Return P̂ with its band, the friction parameters, and how well the model repeats the records."""
         signals.unit(self.input), signals.unit(self.output)
         return self.fit(signals).result() if signals.segments else Result(signals.outcome, signals.message)
 
+    @property
+    def law(self) -> FrictionModel:
+        """Friction model of the one contact; ParameterError if there is none."""
+        if self.friction is None:
+            raise ParameterError("maximum_likelihood.friction is missing; expected the friction model at the start")
+        return self.friction
+
+    @property
+    def own_free(self) -> tuple[str, ...]:
+        """What is estimated of one contact."""
+        return SCALES if self.free is None else self.free
+
     def fit(self, signals: Signals) -> FitReport:
         """Return the fit to signals that have segments."""
-        check_one_contact(signals, self.name)
+        (check_one_thrust if self.frictions else check_one_contact)(signals, self.name)
         used = usable_signals(signals, self.output, self.name)
         check_segments(used, self.name)
         noise = noise_in_records(used, self.output, self.resolution) if self.noise is None else self.noise
-        free = tuple(name for name in self.free if name != NOISE)
+        if self.frictions:
+            assert self.nominal_plant is not None
+            observer, ports = self._observer(Frictionless(), noise), (self.thrust, self.position)
+            sample_time = used.segments[0].sample_time
+            start = machine_of_contacts(self.nominal_plant, self.frictions, ports, observer, sample_time)
+            return fit_contacts(used, start, self.free or (), observer)
+        free = tuple(name for name in self.own_free if name != NOISE)
         found, starts = self.staged_fit(used, noise, free).run()
         held = _untold(found)
         if held:
             free = tuple(name for name in free if name not in held)
             found, starts = self.staged_fit(used, noise, free).run()
-        if NOISE not in self.free:
+        if NOISE not in self.own_free:
             return FitReport(used, found, starts, held)
         level = likely_noise(found.linear.records, float(found.fit.freedom.sum()))
         return FitReport(used, found.with_noise(level.value), starts, held, level)
 
     def staged_fit(self, signals: Signals, noise: float, free: tuple[str, ...]) -> StagedFit:
         """Return what is fitted to signals with this noise [m], if these parameters are free."""
+        return StagedFit(signals, self._observer(self.law, noise), FreeParameters(free), self.nominal_plant, self.modes)
+
+    def _observer(self, friction: FrictionModel, noise: float) -> EffectiveInput:
         shared = {name: getattr(self, name) for name in DelayedEstimator.model_fields}
-        observer = EffectiveInput(
-            friction=self.friction,
+        return EffectiveInput(
+            friction=friction,
             resolution=self.resolution,
             noise=noise,
             interpolation_tolerance=self.interpolation_tolerance,
             **shared,
         )
-        return StagedFit(signals, observer, FreeParameters(free), self.nominal_plant, self.modes)
 
 
 def _untold(found: Fitted) -> tuple[str, ...]:

@@ -60,7 +60,7 @@ def friction(contact, force=1.0, displacement=1.0, viscous=1.0):
 
 def estimator(motor=(1.0, 1.0), load=(1.0, 1.0), numbers=(1.0, 1.0, 1.0, 1.0), **given):
     common = {
-        "name": "multi_contact_maximum_likelihood", "nominal_plant": plant(numbers), "resolution": RESOLUTION,
+        "name": "maximum_likelihood", "nominal_plant": plant(numbers), "resolution": RESOLUTION,
         "frictions": {"motor": friction("motor", *motor), "load": friction("load", *load)}, "noise": 0.0,
         "input_dead_time": DEAD_SAMPLES * SAMPLE,
     }  # fmt: skip
