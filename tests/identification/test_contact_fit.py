@@ -118,3 +118,13 @@ def test_what_does_not_go_together_is_refused():
         estimator(frictions={"motor": friction("motor"), "load": positioned})
     with pytest.raises(ParameterError, match=r"the nominal plant has no contact 'nut'; known: motor, load"):
         estimator(frictions={"nut": friction("motor")}).estimate(record)
+
+
+def test_a_study_fills_in_the_models_of_the_contacts_or_that_of_one(registry):
+    spec = {"name": "maximum_likelihood", "nominal_plant": plant()}
+    both = {"friction": {contact: friction(contact) for contact in FRICTION}}
+    assert list(registry.create("estimator", spec, both).frictions) == ["motor", "load"]
+    one = registry.create("estimator", {"name": "maximum_likelihood"}, {"friction": friction("motor")})
+    assert (one.law.name, one.frictions) == ("rolling", {})
+    with pytest.raises(ParameterError, match="nominal_plant is missing; expected the plant of all contacts"):
+        registry.create("estimator", {"name": "maximum_likelihood"}, both)

@@ -179,9 +179,9 @@ def test_friction_that_depends_on_the_position_is_refused():
         estimator(positioned)
 
 
-def test_a_plant_with_several_contacts_is_refused(registry):
+def test_a_plant_with_several_contacts_needs_a_model_of_each(registry):
     ball_screw = tomllib.loads((packaged_studies() / "machines" / "ball_screw.toml").read_text(encoding="utf-8"))
-    with pytest.raises(ParameterError, match=r"nominal_plant has friction at 3 contacts .* expected one"):
+    with pytest.raises(ParameterError, match=r"nominal_plant has friction at 3 contacts .* give the model of each one"):
         estimator(nominal_plant=ball_screw["plant"])
 
 
