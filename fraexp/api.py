@@ -28,7 +28,7 @@ from fraexp.components.parameters import Parameters, param
 from fraexp.components.periods import Feedforward, Period, Schedule
 from fraexp.components.ports import Contact, Ports, StateSpace
 from fraexp.components.position_dependence import PositionDependentFriction
-from fraexp.components.registry import component_modules
+from fraexp.components.registry import component_modules, hookimpl
 from fraexp.data.frequency_text import frequency_text
 from fraexp.data.record_table import RecordTable
 from fraexp.data.results import HARMONICS, Curve, Fit, FrequencyResponse, Metric, Outcome, Result
@@ -95,6 +95,7 @@ __all__ = [
     "frequency_text",
     "grid_step",
     "hold_response",
+    "hookimpl",
     "image_factor",
     "live_setup",
     "param",

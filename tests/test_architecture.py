@@ -76,7 +76,7 @@ def test_a_list_of_runs_loads_neither_parameters_nor_plugins(tmp_path: Path) -> 
     Store.open(str(tmp_path / "r.db"), create=True).close()
     code = f"import fraexp.cli.list; from fraexp.store import Store; Store.open({str(tmp_path / 'r.db')!r}).runs()"
     loaded = loaded_by(code)
-    assert loaded & {"numba", "scipy", "pydantic", "matplotlib", "textual", "fraexp_plugins"} == set()
+    assert loaded & {"numba", "scipy", "pydantic", "pluggy", "matplotlib", "textual", "fraexp_plugins"} == set()
 
 
 def test_the_trial_of_a_law_loads_neither_the_compiler_nor_figures() -> None:

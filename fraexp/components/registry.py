@@ -1,4 +1,4 @@
-"""Finding components: those of installed packages and of files in the workspace, and what they are built from."""
+"""Finding components: installed packages and files dropped in the workspace, collected through one pluggy hook."""
 
 import importlib
 import inspect
@@ -17,6 +17,7 @@ from threading import RLock
 from types import ModuleType
 from typing import Any, TypeVar, cast, get_origin
 
+import pluggy
 import pydantic
 
 import fraexp
@@ -121,6 +122,9 @@ class Providers(Mapping[Key, Provider]):
         return len(self._known)
 
 
+hookspec = pluggy.HookspecMarker("fraexp")
+hookimpl = pluggy.HookimplMarker("fraexp")
+
 AnyComponent = TypeVar("AnyComponent", bound=Component)
 LOCAL = "workspace"
 """Distribution of what local plugins provide."""
@@ -131,10 +135,16 @@ MIN_PORTS = 2
 """Ports from which a machine's friction is no single model, or its controller no single one."""
 
 
-CLASSES_HOOK = "fraexp_components"
-"""Function by which a plugin's module returns the component classes that it provides."""
-MODULES_HOOK = "fraexp_component_modules"
-"""Function by which it returns modules with the names of their components: each is imported when one is asked for."""
+@hookspec
+def fraexp_components() -> Iterable[type[Component]]:
+    """Return the component classes that a plugin provides."""
+    raise NotImplementedError  # a specification, never called
+
+
+@hookspec
+def fraexp_component_modules() -> Mapping[str, Iterable[str]]:
+    """Return modules of a plugin with the names of their components: each is imported when one is asked for."""
+    raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -342,13 +352,18 @@ def discover(folder: Path | None = None) -> Registry:
     A plugin that fails is listed in `failures`, with its file, line and reason; all else goes on working.
     """
     registry = Registry(local_files=file_stamps(folder) if folder else {})
+    manager = pluggy.PluginManager("fraexp")
+    manager.add_hookspecs(sys.modules[__name__])
+    origins: dict[Any, _Origin] = {}
     for entry in entry_points(group="fraexp"):
         owner = f"{entry.dist.name} {entry.dist.version}" if entry.dist else entry.name
         origin = _Origin(f"{owner} ({entry.value})", owner)
-        _attempt(registry, origin, lambda e=entry, o=origin: _collect(registry, e.load(), o.owner))
+        _attempt(registry, origin, lambda e=entry, o=origin: _register(manager, origins, e.load(), o))
     for file in sorted(folder.glob("*.py")) if folder and folder.is_dir() else []:
         origin = _Origin(str(file), LOCAL, file)
-        _attempt(registry, origin, lambda f=file: _collect(registry, load_file(f), LOCAL))
+        _attempt(registry, origin, lambda f=file, o=origin: _register(manager, origins, load_file(f), o))
+    for plugin, origin in list(origins.items()):  # in the order of finding: pluggy keeps a set
+        _attempt(registry, origin, lambda p=plugin, o=origin: _collect(manager, registry, p, o.owner))
     return registry
 
 
@@ -387,7 +402,7 @@ def reason_of(error: BaseException, file: Path | None = None) -> str:
 
 MACHINERY = (
     "<frozen",
-    *(f"{Path(file or '').parent}{os.sep}" for file in (fraexp.__file__, pydantic.__file__)),
+    *(f"{Path(file or '').parent}{os.sep}" for file in (fraexp.__file__, pluggy.__file__, pydantic.__file__)),
 )
 """How the names of files begin in which a plugin's mistake is found but not made."""
 
@@ -400,18 +415,23 @@ def _definition_place(cls: type) -> str:
     return f"{_relative_path(Path(inspect.getfile(cls)).resolve())}, line {inspect.getsourcelines(cls)[1]}"
 
 
-def _collect(registry: Registry, plugin: ModuleType, owner: str) -> None:
-    """Add what a plugin's module says that it provides, or else each component class that it defines."""
-    modules: Mapping[str, Iterable[str]] = getattr(plugin, MODULES_HOOK, dict)()
-    for module, names in modules.items():
+def _register(manager: pluggy.PluginManager, origins: dict[Any, _Origin], module: ModuleType, origin: _Origin) -> None:
+    plugin = module if any(hasattr(module, hook) for hook in HOOKS) else _Classes(module)
+    manager.register(plugin)
+    origins[plugin] = origin
+
+
+HOOKS = (fraexp_components.__name__, fraexp_component_modules.__name__)
+
+
+def _collect(manager: pluggy.PluginManager, registry: Registry, plugin: Any, owner: str) -> None:
+    others = [other for other in manager.get_plugins() if other is not plugin]
+    classes, modules = (manager.subset_hook_caller(hook, remove_plugins=others)() for hook in HOOKS)
+    for module, names in (pair for answer in modules for pair in answer.items()):
         registry.providers.postpone(partial(_load_module, registry, module, owner), names)
-    if hasattr(plugin, CLASSES_HOOK) or hasattr(plugin, MODULES_HOOK):
-        classes: Iterable[Any] = getattr(plugin, CLASSES_HOOK, tuple)()
-    else:
-        classes = _named_components(plugin)
-    for component in classes:
+    for component in (component for answer in classes for component in answer):
         if not (inspect.isclass(component) and issubclass(component, KINDS) and component.name):
-            raise PluginError(f"{CLASSES_HOOK}() returned {component!r}; expected named component classes")
+            raise PluginError(f"fraexp_components() returned {component!r}; expected named component classes")
         registry.add(component, owner)
 
 
@@ -425,13 +445,22 @@ def _load_module(registry: Registry, module: str, owner: str) -> None:
     _attempt(registry, _Origin(f"{owner} ({module})", owner), load)
 
 
-def _named_components(module: ModuleType) -> list[type[Component]]:
-    """Return the named component classes that a module defines; it may not have forgotten all names."""
-    named = components_in(module)
-    for cls in [] if named else vars(module).values():
-        if inspect.isclass(cls) and issubclass(cls, Component) and cls.__module__ == module.__name__:
-            raise PluginError(f"{_definition_place(cls)}: {cls.__name__} has no name; expected name=... after its base")
-    return named
+class _Classes:
+    """The hook of a module that has none: it provides every component class that it defines."""
+
+    def __init__(self, module: ModuleType) -> None:
+        self.module = module
+
+    @hookimpl
+    def fraexp_components(self) -> list[type[Component]]:
+        """Return the named component classes that the module defines; it may not have forgotten all names."""
+        named = components_in(self.module)
+        for cls in [] if named else vars(self.module).values():
+            if inspect.isclass(cls) and issubclass(cls, Component) and cls.__module__ == self.module.__name__:
+                raise PluginError(
+                    f"{_definition_place(cls)}: {cls.__name__} has no name; expected name=... after its base"
+                )
+        return named
 
 
 def components_in(module: ModuleType) -> list[type[Component]]:

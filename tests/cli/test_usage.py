@@ -13,7 +13,7 @@ from fraexp.cli.options import COMMANDS
 from tests.cli.conftest import Command
 from tests.waiting import HANG_TIMEOUT_S
 
-HEAVY = {"numpy", "pydantic", "sqlalchemy", "matplotlib", "numba", "scipy", "pint", "rich"}
+HEAVY = {"numpy", "pydantic", "sqlalchemy", "matplotlib", "numba", "scipy", "pint", "pluggy", "rich"}
 
 
 @pytest.mark.parametrize(

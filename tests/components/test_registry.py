@@ -165,8 +165,9 @@ def test_two_plugins_of_one_name_are_both_named_whenever_it_is_asked_for(tmp_pat
 
 
 PACKAGE = """
-from fraexp.api import component_modules
+from fraexp.api import component_modules, hookimpl
 
+@hookimpl
 def fraexp_component_modules():
     return component_modules(__name__, __path__)
 """
