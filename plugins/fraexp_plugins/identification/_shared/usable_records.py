@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fraexp.api import RecordError, Signals
+from fraexp.api import RecordError, Segment, Signals
 from fraexp_plugins.estimators._shared.effective_input_observer import is_from_rest
 
 
@@ -61,6 +61,10 @@ def check_one_contact(signals: Signals, estimator: str) -> None:
         )
 
 
+HARMONICS = (1, 3, 5, 7, 9)
+"""Harmonics of a sine that show the force of friction."""
+FORCE_FLOOR = 3e-4
+"""Error of a force that is allowed for besides rounding and noise, over the amplitude of the control input."""
 MAX_LINES = 64
 """Maximum number of excited lines of a segment, each of which takes two parameters of its own."""
 
@@ -84,3 +88,15 @@ def check_segments(signals: Signals, estimator: str) -> None:
             f"{estimator}: the segments have sample times of {times[0]:g} to {times[-1]:g} s; expected one: "
             "estimate those of each sample time for themselves"
         )
+
+
+def with_harmonics(segment: Segment, min_samples: float) -> Segment:
+    """Return a record of a sine with its odd harmonics that have so many samples in a cycle; others as they are.
+
+    Symmetric friction has no even ones.
+    """
+    if segment.lines.size > 1:
+        return segment
+    (line,) = segment.lines.tolist()
+    known = [harmonic for harmonic in HARMONICS if harmonic == 1 or min_samples * harmonic * line <= segment.samples]
+    return replace(segment, lines=line * np.array(known))

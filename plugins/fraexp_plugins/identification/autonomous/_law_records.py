@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Motion, Segment, Signals, fourier_sums
+from fraexp_plugins.identification._shared.usable_records import FORCE_FLOOR, with_harmonics
 from fraexp_plugins.identification.autonomous._autonomous_elements import FREE_BODY_TERMS, ProjectedProblem
 from fraexp_plugins.identification.autonomous._autonomous_lines import (
     ElementObserver,
@@ -18,12 +19,8 @@ from fraexp_plugins.identification.autonomous._autonomous_lines import (
 )
 from fraexp_plugins.identification.autonomous._law_elements import LawElements
 
-HARMONICS = (1, 3, 5, 7, 9)
-"""Harmonics of a sine that are compared: symmetric friction has no even ones."""
-MAX_HARMONIC_RATIO = 0.02
-"""Highest frequency of a harmonic over the sampling rate."""
-FORCE_FLOOR = 3e-4
-"""Error of a force that is allowed for besides noise, over the amplitude of the control input."""
+MIN_HARMONIC_SAMPLES = 50
+"""Samples of a cycle of the highest harmonic."""
 MIN_LEVELS = 3
 """Fewest records of a frequency that count in the search for a law."""
 NOISE_SEEDS = 12
@@ -71,7 +68,7 @@ class LawRecords:
     ) -> "LawRecords":
         """Return the records of every `step`th frequency; `inverse` has frequencies [Hz] and 1/P̂ [N/m] there."""
         chosen = _chosen_segments(signals.segments, step)
-        own = replace(signals, segments=tuple(_with_harmonics(segment) for segment in chosen))
+        own = replace(signals, segments=tuple(with_harmonics(segment, MIN_HARMONIC_SAMPLES) for segment in chosen))
         return cls.at_lines(own, observer, inverse)
 
     @classmethod
@@ -182,15 +179,6 @@ def _shaken(motion: Motion, deviation: float, samples: int, generator: np.random
     noise = np.concatenate([noise, np.zeros(bins.size)])[: bins.size]
     kept = np.abs(bins) > 1e-9 * np.abs(bins[1:]).max()
     return np.asarray(np.fft.irfft(bins + np.where(kept, noise, 0.0), size) + ramp)
-
-
-def _with_harmonics(segment: Segment) -> Segment:
-    """Return a record of a sine with its odd harmonics as lines; others as they are."""
-    if segment.lines.size > 1:
-        return segment
-    (line,) = segment.lines.tolist()
-    top = MAX_HARMONIC_RATIO * segment.samples
-    return replace(segment, lines=line * np.array([h for h in HARMONICS if h == 1 or h * line <= top]))
 
 
 def _chosen_segments(segments: Sequence[Segment], step: int) -> list[Segment]:

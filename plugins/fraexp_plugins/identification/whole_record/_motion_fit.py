@@ -7,7 +7,7 @@ hide a mode of the plant.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,7 @@ from fraexp_plugins.friction.dahl import Dahl
 from fraexp_plugins.friction.lugre import LuGre
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
+from fraexp_plugins.identification._shared.usable_records import FORCE_FLOOR, with_harmonics
 from fraexp_plugins.identification.whole_record._free_parameters import (
     DEAD_TIME,
     SCALES,
@@ -109,10 +110,8 @@ def _velocity(signals: Signals, observer: EffectiveInput) -> float:
     return max(speeds)
 
 
-HARMONICS, MIN_SAMPLES = (1, 3, 5, 7, 9), 10
-"""Harmonics of a sine that are compared: symmetric friction has no even ones. Samples of a cycle of the highest."""
-FORCE_FLOOR = 3e-4
-"""Error of a force that is allowed for besides rounding and noise, over the amplitude of the control input."""
+MIN_HARMONIC_SAMPLES = 10
+"""Samples of a cycle of the highest harmonic."""
 FRICTION_DIFFERENCE, PLANT_DIFFERENCE = 1e-3, 1e-5
 """Differences of the logarithms of friction's and the plant's parameters for derivatives."""
 START_LOG_STD = 1.0
@@ -145,7 +144,7 @@ class MotionRecords:
     """Records whose lines, with odd harmonics, show the force of friction beside the plant."""
 
     def __init__(self, segments: Sequence[Segment], observer: EffectiveInput) -> None:
-        self._segments = [_with_harmonics(segment) for segment in segments]
+        self._segments = [with_harmonics(segment, MIN_HARMONIC_SAMPLES) for segment in segments]
         bare = observer.model_copy(update={"friction": Frictionless(), "force_scale": 1.0, "displacement_scale": 1.0})
         self._motions = [bare.motion(segment) for segment in self._segments]
         self._omega = 2 * np.pi * np.concatenate([segment.frequency for segment in self._segments])
@@ -185,15 +184,6 @@ class MotionRecords:
         size = np.abs(left)
         short = left * np.sqrt(2 / (1 + np.hypot(1, size)))
         return np.concatenate([short.real, short.imag])
-
-
-def _with_harmonics(segment: Segment) -> Segment:
-    """Return a record of a sine with its odd harmonics as lines; others as they are."""
-    if segment.lines.size > 1:
-        return segment
-    (line,) = segment.lines.tolist()
-    known = [harmonic for harmonic in HARMONICS if harmonic == 1 or MIN_SAMPLES * harmonic * line <= segment.samples]
-    return replace(segment, lines=line * np.array(known))
 
 
 def _scaled_motion(motion: Motion, scale: float) -> Motion:
