@@ -12,7 +12,7 @@ from fraexp_plugins.identification.friction.friction_identification import Frict
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.parameters import param
 from fraexp.components.registry import create
-from fraexp.errors import RecordError
+from fraexp.errors import ParameterError, RecordError
 from tests.examples import thorough
 from tests.identification.friction_records import driven, signals, values
 
@@ -112,3 +112,12 @@ def test_a_users_own_law_is_found_from_the_start_that_it_states():
     for name in ("slope", "limit", "sharpness"):
         assert found[name] == pytest.approx(getattr(truth, name), rel=0.02)
         assert abs(found[name] - getattr(truth, name)) < 4 * std[name]
+
+
+def test_a_law_and_a_way_that_do_not_go_together_are_refused():
+    with pytest.raises(ParameterError, match=r"law is 'gsm'; did you mean 'gms'\?.*give a model as `start`"):
+        FrictionIdentification(law="gsm")
+    with pytest.raises(ParameterError, match=r"start is gms; expected a model of the law dahl"):
+        FrictionIdentification(law="dahl", start=GMS)
+    with pytest.raises(ParameterError, match=r"back_propagation frees the thresholds .* leave it out with the law gms"):
+        FrictionIdentification(law="gms", back_propagation=True)

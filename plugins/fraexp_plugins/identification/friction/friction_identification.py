@@ -178,6 +178,11 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
             raise ParameterError(f"{self.name}.start is {self.start.name}; expected a model of the law {self.law}")
         if isinstance(self.start, PositionDependentFriction):
             raise ParameterError(f"{self.name}.start has a position_dependence, which is not fitted; leave it out")
+        if self.back_propagation and not issubclass(self._law, ElementModel):
+            raise ParameterError(
+                f"{self.name}.back_propagation frees the thresholds of rolling elements; leave it out with the law "
+                f"{self._law.name}"
+            )
         if self.thresholds and (min(self.thresholds) <= 0 or min(np.diff(self.thresholds), default=1.0) <= 0):
             raise ParameterError(f"{self.name}.thresholds: expected values above 0 in ascending order")
         if self.min_threshold and self.max_threshold and self.min_threshold >= self.max_threshold:
@@ -188,9 +193,8 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
 
     def estimate(self, signals: Signals) -> Result:
         """Return the law's parameters, terms, errors, forces and the friction model."""
-        law = LAWS[self.law or "rolling"] if self.start is None else type(self.start)
-        if not issubclass(law, ElementModel):
-            return self._law_result(signals, law)
+        if not issubclass(self._law, ElementModel):
+            return self._law_result(signals, self._law)
         task = self._focused_task(signals) if self.start is None else self._task(signals)
         if self.start is not None or self.back_propagation or self.fit_damping:
             task, found = self._free_elements(task)
@@ -199,6 +203,11 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
             elements, rows, coefficients = element_solution(task, self.elements, bool(self.thresholds))
             residuals = [each.force - each.columns @ coefficients for each in rows]
         return _element_result(signals, task, elements, rows, residuals)
+
+    @property
+    def _law(self) -> type[FrictionModel]:
+        """The law that is fitted."""
+        return LAWS[self.law or "rolling"] if self.start is None else type(self.start)
 
     def _focused_task(self, signals: Signals, *, spring_remarks: bool = True) -> IdentificationTask:
         """Return the task with a grid that ends at the end of the virgin curve."""
