@@ -7,6 +7,7 @@ from fraexp.analysis.fourier import fourier_sums, phasors, record_spectrum
 from fraexp.analysis.quantisation import grid_step, phasor_variance, rounding_symmetry
 from fraexp.analysis.response import response_result
 from fraexp.analysis.steady_motion import steady_motion_text
+from fraexp.analysis.verdict import Accuracy, BandReach
 from fraexp.components.kinds import (
     Controller,
     Estimator,
@@ -43,6 +44,8 @@ from fraexp.simulation.replay import Replay, Replayed, ReplayModel, replay
 
 __all__ = [
     "HARMONICS",
+    "Accuracy",
+    "BandReach",
     "Chunk",
     "ConnectionLostError",
     "Contact",

@@ -36,19 +36,33 @@ def grid_step(samples: NDArray[np.float64]) -> float:
     return step if np.abs(counts - np.rint(counts)).max() < GRID_TOLERANCE else 0.0
 
 
-def phasor_variance(segment: Segment, encoder: Encoder) -> NDArray[np.float64]:
+def phasor_variance(segment: Segment, encoder: Encoder, channel: str) -> NDArray[np.float64]:
     """Return the variance E|dY|² of the phasors of one period of a measured position [m²], shape (lines,)."""
-    return np.full(segment.lines.size, line_variance(segment, encoder))
+    return np.full(segment.lines.size, line_variance(segment, encoder, channel))
 
 
-def line_variance(segment: Segment, encoder: Encoder) -> float:
+def line_variance(segment: Segment, encoder: Encoder, channel: str) -> float:
     """Return this variance at one line [m²]: it is the same at each.
 
-    Rounding counts as white, with a variance of q²/12, at all samples that are at different places of the motion:
-    B. Widrow and I. Kollár, Quantization Noise, 2008, doi:10.1017/CBO9780511754661.
+    Rounding counts as white, with a variance of q²/12, over the terms that it can reach: of a motion that crosses few
+    steps it has slow teeth, and all of its power in the lowest terms. B. Widrow and I. Kollár, Quantization Noise,
+    2008, doi:10.1017/CBO9780511754661.
     """
-    rounding = encoder.resolution**2 / 12 * rounding_symmetry(segment) / _distinct_samples(segment)
-    return 4 * (rounding + encoder.noise**2 / segment.samples)
+    variance = encoder.noise**2 / segment.samples
+    if encoder.resolution:
+        reach = min(_distinct_samples(segment), crossed_steps(segment, encoder.resolution, channel))
+        variance += encoder.resolution**2 / 12 * rounding_symmetry(segment) / reach
+    return 4 * variance
+
+
+def crossed_steps(segment: Segment, resolution: float, channel: str) -> float:
+    """Return how many samples the rounding error of a period fills evenly: it has a tooth for each step crossed.
+
+    The teeth of a sine of amplitude A are of up to 2π A/q times its frequency.
+    """
+    y = segment.channels[channel]
+    path = np.abs(np.diff(y, axis=1)).sum() / len(y)
+    return max(np.pi * float(path) / resolution, 1.0)
 
 
 def rounding_symmetry(segment: Segment) -> float:

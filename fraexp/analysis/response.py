@@ -163,7 +163,8 @@ def response_result(
     with np.errstate(invalid="ignore"):  # where nothing moves
         ratio, covariance = y / u, response_covariance(u, y, var_u, var_y, cov_yu)
     lines = [segment.lines.size for segment in signals.segments]
-    known = np.repeat([_known_variance(signals, *pair) for pair in zip(signals.segments, outputs, strict=True)], lines)
+    pairs = zip(signals.segments, outputs, strict=True)
+    known = np.repeat([_known_variance(signals, *pair, names[1]) for pair in pairs], lines)
     known_covariance = (known / np.abs(u) ** 2)[:, None, None] * (np.eye(2) / 2)
     covariance = np.where(np.isfinite(known_covariance), known_covariance, covariance)
     freedom = np.repeat([2.0 * (len(each) - 1) for each in outputs], lines)
@@ -207,7 +208,7 @@ def _silence_text(frequency: NDArray[np.float64], silent: NDArray[np.bool_]) -> 
     return f"at {places} input or output does not move"
 
 
-def _known_variance(signals: Signals, segment: Segment, outputs: NDArray[np.complex128]) -> float:
+def _known_variance(signals: Signals, segment: Segment, outputs: NDArray[np.complex128], output: str) -> float:
     """Return the variance of the output's phasors at each line [unit²]; NaN where periods or nothing show it.
 
     A record from rest contains a transient, which is no noise.
@@ -217,7 +218,7 @@ def _known_variance(signals: Signals, segment: Segment, outputs: NDArray[np.comp
     is_from_rest = segment.settling is not None and segment.settling.time == 0
     if signals.encoder is None or len(outputs) > 1 or is_from_rest:
         return np.nan
-    return line_variance(segment, signals.encoder)
+    return line_variance(segment, signals.encoder, output)
 
 
 def _lacks_amplitude(segment: Segment) -> bool:

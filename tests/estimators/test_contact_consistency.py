@@ -1,4 +1,4 @@
-"""Wrong friction at one of two contacts: the harmonics of the motion contradict it; right models are left alone."""
+"""Wrong friction at one of two contacts, or a wrong plant between them: the band holds the plant, or it is not ok."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -10,6 +10,7 @@ from fraexp_plugins.estimators.multi_contact_effective_input import MultiContact
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.plants.two_mass import TwoMass
 
+from fraexp.analysis.confidence import confidence_limits
 from fraexp.data.results import Outcome, Result
 from fraexp.data.signals import Signals
 from tests.examples import thorough
@@ -22,7 +23,6 @@ GAINS = {"motor": (1000.0, 0.04), "load": (250.0, 0.06)}
 """Proportional gain over mass [1/s²] and derivative time [s], by the position that is fed back."""
 WRONG = ({"motor": 1.05}, {"load": 1.05}, {"motor": 0.95}, {"load": 0.95})
 DRAWS = [0, *(thorough(number) for number in range(1, 12))]
-SAID = "contradict the friction models, the nominal plant or the delays"
 
 
 class Drive(NamedTuple):
@@ -79,29 +79,22 @@ def without_motor_encoder(drive: Drive) -> Drive:
     return drive._replace(signals=replace(drive.signals, units=units))
 
 
-def check_stated_error(drive: Drive, found: Result) -> None:
-    """Check that a response is within 1 %, or that the message states what the encoder does.
-
-    The band is that of the periods: it does not contain rounding, which acts through the friction models.
-    """
-    stated = "the confidence band does not contain what rounding and noise" in found.message
-    assert stated or drive.error(found) < 0.01
-    assert not (stated and drive.encoder == (0.0, 0.0))
-    is_small = drive.error(found) < 0.1  # beyond a tenth the sweep is not ok
-    assert not stated or found.outcome is not Outcome.OK or is_small
+def holds(drive: Drive, found: Result) -> np.ndarray:
+    """Return where the band of a response holds the plant."""
+    response, ports = found.response, drive.plant.ports().closed_by("", drive.position)
+    truth = np.abs(ports.response(2 * np.pi * response.frequency, drive.position) / response.response)
+    low, high = confidence_limits(response).magnitude + np.array([[-1e-3], [1e-3]])
+    return (truth >= low) & (truth <= high) | ~response.settled
 
 
 @pytest.mark.parametrize("number", DRAWS)
-def test_a_force_five_percent_wrong_at_one_contact_is_not_ok(number):
+def test_a_force_five_percent_wrong_at_one_contact_is_in_the_band(number):
+    """The band does not contain rounding, which acts through the friction models: a message says how far that goes."""
     drive = drawn(number)
-    right = drive.estimated({})
-    assert SAID not in right.message
-    check_stated_error(drive, right)
-    for factors in WRONG:
+    for factors in ({}, *WRONG):
         found = drive.estimated(factors)
-        assert drive.error(found) > max(0.015, 1.1 * drive.error(right))
-        assert found.outcome is not Outcome.OK
-        assert SAID in found.message
+        assert "the confidence band does not contain what rounding" in found.message or holds(drive, found).mean() > 0.8
+        assert found.outcome is not Outcome.OK or drive.error(found) < 0.06
 
 
 @pytest.mark.thorough
@@ -110,7 +103,7 @@ def test_a_displacement_that_is_reconstructed():
     drive = without_motor_encoder(drawn(3))
     assert drive.estimated({}).outcome is Outcome.OK
     for factors in WRONG:
-        assert SAID in drive.estimated(factors).message
+        assert holds(drive, drive.estimated(factors)).mean() > 0.8
 
 
 @pytest.mark.thorough
@@ -121,6 +114,6 @@ def test_a_wrong_nominal_plant_is_not_ok_unless_its_uncertainty_is_stated(name):
     wrong = drive.plant.model_copy(update={name: 1.2 * getattr(drive.plant, name)})
     found = drive.estimated({}, nominal_plant=wrong)
     assert drive.error(found) > 0.1
-    assert SAID in found.message
+    assert found.outcome is not Outcome.OK
     deviations = [{"parameter": name, "std": 0.2 * getattr(drive.plant, name)}]
-    assert drive.estimated({}, nominal_plant=wrong, plant_deviations=deviations).outcome is Outcome.OK
+    assert holds(drive, drive.estimated({}, nominal_plant=wrong, plant_deviations=deviations)).mean() > 0.8

@@ -2,7 +2,12 @@
 
 import numpy as np
 import pytest
-from fraexp_plugins.estimators._shared.parameter_uncertainty import Deviation, check_deviations, perturbations
+from fraexp_plugins.estimators._shared.parameter_uncertainty import (
+    Deviation,
+    check_deviations,
+    covariance_root,
+    moved_within_bounds,
+)
 from fraexp_plugins.estimators.best_linear_approximation import BestLinearApproximation
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
@@ -43,28 +48,24 @@ def test_a_parameter_deviates_as_its_scale_does(signals):
     deviation = Deviation(parameter="curve.coulomb_force", std=0.05 * 17.9)
     by_name, by_scale = (
         EffectiveInput(friction=friction, **DELAYS, **given).estimate(signals).response.model_covariance
-        for given in ({"deviations": (deviation,)}, {"force_std": 0.05})
+        for given in ({"deviations": (deviation,)}, {"force_std": 0.05, "displacement_std": 0.0})
     )
     assert np.allclose(by_name, by_scale, rtol=1e-9, atol=0)
 
 
 def test_the_covariance_is_that_of_drawn_parameters():
-    """Columns of a square root: summed over them, the outer products of the changes are the covariance."""
+    """Columns of a square root: their outer products add up to the covariance, and move what they belong to."""
     friction = Composite(parts=(Dahl(stiffness=3.9e5, coulomb_force=17.9), Rolling(curve=CURVE)))
     deviations = [
         Deviation(parameter="parts.0.coulomb_force", std=0.5),
         Deviation(parameter="parts.1.curve.characteristic_displacement", std=2e-6),
     ]
     correlation = ((1.0, -0.6), (-0.6, 1.0))
-    total = np.zeros((2, 2))
-    for above, below, steps in perturbations(friction, deviations, correlation, 1.0):
-        change = np.array([
-            above.parts[0].coulomb_force - below.parts[0].coulomb_force,
-            above.parts[1].curve.characteristic_displacement - below.parts[1].curve.characteristic_displacement,
-        ]) / 2  # fmt: skip
-        assert steps == 1.0
-        total += np.outer(change, change)
-    assert np.allclose(total, [[0.25, -0.6e-6], [-0.6e-6, 4e-12]], rtol=1e-9, atol=0)
+    root = covariance_root(friction, deviations, correlation)
+    assert np.allclose(root @ root.T, [[0.25, -0.6e-6], [-0.6e-6, 4e-12]], rtol=1e-9, atol=0)
+    moved = moved_within_bounds(friction, deviations, root[:, 0])
+    assert moved.parts[0].coulomb_force == pytest.approx(17.9 + root[0, 0])
+    assert moved.parts[1].curve.characteristic_displacement == pytest.approx(45e-6 + root[1, 0])
 
 
 @pytest.mark.parametrize(
@@ -101,15 +102,14 @@ def test_a_parameter_that_deviates_twice_is_refused(names):
     with pytest.raises(ParameterError, match=f"'{names[1]}' is given twice; give each parameter once"):
         check_deviations(friction, twice, ())
     with pytest.raises(ParameterError, match="given twice"):
-        next(perturbations(friction, twice, (), 2.0))
+        covariance_root(friction, twice, ())
 
 
-def test_bounds_shorten_the_step(signals):
-    """A limit force of 0.5 ± 0.4 N cannot be two deviations lower; the difference is then taken over less."""
+def test_bounds_shorten_the_step():
+    """A limit force of 0.5 ± 0.4 N cannot be two deviations lower."""
     friction, deviation = (Rolling(stiffness=(1e5,), limit_force=(0.5,)), Deviation(parameter="limit_force.0", std=0.4))
-    ((above, below, steps),) = perturbations(friction, [deviation], (), 2.0)
-    assert steps == 1.0
-    assert (above.limit_force, below.limit_force) == ((0.9,), pytest.approx((0.1,)))
+    assert moved_within_bounds(friction, [deviation], np.array([-0.8])).limit_force == pytest.approx((0.1,))
+    assert moved_within_bounds(friction, [deviation], np.array([0.8])).limit_force == pytest.approx((1.3,))
 
 
 def test_any_method_behind_the_observer_gets_the_band(signals):

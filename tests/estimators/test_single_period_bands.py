@@ -9,6 +9,7 @@ from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 
 from fraexp.analysis.confidence import circle_factor, confidence_limits
+from fraexp.analysis.verdict import Accuracy, BandReach
 from fraexp.components.kinds import Plant
 from fraexp.components.registry import Registry, create
 from fraexp.data.results import FrequencyResponse, Outcome, Result
@@ -68,10 +69,9 @@ def test_what_the_encoder_hides_is_not_ok(registry: Registry) -> None:
     truth = create(registry, Plant, experiment["plant"]).response(2 * np.pi * response.frequency)
     error = np.abs(response.response / truth - 1)
     assert result.outcome is Outcome.INACCURATE
-    assert "rounding and noise of the encoder hide the rest" in result.message
-    wrong = response.frequency[response.standard_deviation * circle_factor(np.inf) > 0.1 * np.abs(response.response)]
-    assert f"frequencies ({wrong.min():.4g} to {wrong.max():.4g} Hz), and rounding" in result.message
-    assert "raise the amplitude, use a finer encoder" in result.message
+    wrong = response.frequency[~BandReach.of(response).is_within(Accuracy())]
+    assert f"({wrong.min():.4g} to {wrong.max():.4g} Hz)" in result.message
+    assert "by rounding and noise of the encoder; raise the amplitude, use a finer encoder" in result.message
     assert error.max() > 0.3
     assert is_within_circle(response, truth)[error > 0.1].all()
     assert np.mean(is_within_circle(response, truth)) > 0.9
@@ -87,7 +87,7 @@ def test_what_the_encoder_shows_is_ok(registry: Registry) -> None:
 def test_a_fit_is_ok_if_the_response_is_so_within_its_range(registry: Registry) -> None:
     result, _ = result_of("paper/fig12_fit", registry, 12.0)
     assert result.outcome is Outcome.OK
-    assert result.message.startswith("outside the frequency range of the fit: friction takes nearly all of the input")
+    assert result.message.startswith("outside the frequency range of the fit: the band is wider than 0.5 dB")
     wide, _ = result_of("paper/fig12_fit", registry, 12.0, ("estimator.min_frequency=1",))
     assert wide.outcome is Outcome.INACCURATE
 

@@ -93,7 +93,7 @@ def test_a_measured_record_is_checked_as_well():
     measured = Signals(segments, {"u": "N", "y": "m"})
     results = [EffectiveInput(friction=COULOMB, **DELAYS).estimate(each) for each in (signals, measured)]
     assert results[0].outcome is results[1].outcome is Outcome.INACCURATE
-    assert results[0].message == results[1].message
+    assert results[1].message.startswith(results[0].message)
 
 
 @pytest.mark.thorough

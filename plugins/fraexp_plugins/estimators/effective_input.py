@@ -1,6 +1,6 @@
 """The paper's proposed FRA method: measured position over the effective control input."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar, Self
 
@@ -12,6 +12,7 @@ from fraexp.api import (
     Estimator,
     FrequencyResponse,
     ParameterError,
+    PositionDependentFriction,
     RecordError,
     Result,
     Segment,
@@ -23,17 +24,21 @@ from fraexp.api import (
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT, ObserverEstimator, is_from_rest
 from fraexp_plugins.estimators._shared.encoder_aware_observer import EncoderAwareObserver
 from fraexp_plugins.estimators._shared.encoder_errors import EncoderErrors, with_error_vectors
-from fraexp_plugins.estimators._shared.friction_consistency import ContactFriction, model_error
+from fraexp_plugins.estimators._shared.friction_posterior import SineRecord, harmonic_lines, line_omega, record_terms
 from fraexp_plugins.estimators._shared.hold_images import HoldImages, gain_above_modes, hold_images
-from fraexp_plugins.estimators._shared.model_covariance import inverse_response, outer_parts, with_model_covariance
+from fraexp_plugins.estimators._shared.model_covariance import inverse_response
 from fraexp_plugins.estimators._shared.motion_above_nyquist import UnsampledErrors
-from fraexp_plugins.estimators._shared.parameter_uncertainty import Deviation, check_deviations, perturbations
+from fraexp_plugins.estimators._shared.parameter_uncertainty import (
+    Deviation,
+    check_deviations,
+    covariance_root,
+    moved_within_bounds,
+)
 from fraexp_plugins.estimators._shared.plant_above_modes import MAX_ERROR, PlantAboveModes
 from fraexp_plugins.estimators._shared.response_doubts import (
     MAX_STANDSTILL_ERROR,
-    check_encoder,
-    check_friction_model,
     join_messages,
+    judge_band,
     standstill_text,
     weak_terms_text,
     with_doubt,
@@ -41,11 +46,15 @@ from fraexp_plugins.estimators._shared.response_doubts import (
 from fraexp_plugins.estimators._shared.rounding_band import with_rounding
 from fraexp_plugins.estimators._shared.single_periods import as_single_periods
 from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
-
-DIFFERENCE_STEP_STDS = 2.0
-"""Half width of central differences in standard deviations: about as far as the edge of the confidence band."""
-MAX_SCALE_REDUCTION = 0.9
-"""Largest relative reduction of a scale."""
+from fraexp_plugins.estimators._shared.uncertain_friction import (
+    SCALES,
+    UNSTATED,
+    ModelErrors,
+    knows_machine,
+    prior_std,
+    scale_factors,
+    with_model_errors,
+)
 
 NO_RATE_S = 1e9
 """A step so long that nothing moves fast in it [s]."""
@@ -64,15 +73,17 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
     approximation removes noise, a local polynomial a transient. Both leave the error of the friction model; with the
     moving axis there is none, because f̂ is a constant there for every model.
 
-    At harmonics of a sine friction alone moves the plant. Where they lie within the measured frequencies and contradict
-    the friction model by more than encoder and plant explain, the sweep is not ok, and says how wrong the model is.
+    A friction model is uncertain: unless it is the simulated machine's own, or deviations are stated, its force and its
+    deflections have a standard deviation of 10 %. At harmonics of a sine friction alone moves the plant. Where they lie
+    within the measured frequencies they narrow these errors, and the response is that of the most probable ones. With
+    `corrects_friction = false` it stays that of the stated model, and the band reaches to the plant.
 
     Where friction holds the machine still, its force is not in y', and no observer sees it. The response is compared
     with the one that follows if friction balances the input there; a difference above 1 % is stated, and is not ok.
 
-    A stated uncertainty of the friction model gives the covariance of 1/P̂ by the error law, with central differences
-    of N̂ along each column of a square root of the parameters' covariance, over two standard deviations on either side
-    if bounds allow it. The confidence band then includes friction.
+    The errors of the friction model give the covariance of 1/P̂ by the error law, with central differences of N̂ along
+    each column of a square root of their covariance, over two standard deviations on either side. The confidence band
+    includes friction.
 
     Noise and rounding of the encoder act on P̂ through the friction model too: they move its reversals, and hide terms
     of the motion in all periods alike. Where noise or resolution is stated and the record has several periods, 32
@@ -92,9 +103,13 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
     takes_responses: ClassVar[bool] = True
 
     method: Estimator | None = param("", "estimator from û_e to y'; Fourier sums if it is not given", None)
-    force_std: float = param("1", "relative standard deviation of the model's force ΣF_m", 0.0, at_least=0, below=1)
-    displacement_std: float = param(
-        "1", "relative standard deviation of the model's deflections Y_m, at the same ΣF_m", 0.0, at_least=0, below=1
+    force_std: float | None = param("1", f"relative standard deviation of ΣF_m; {UNSTATED}", None, at_least=0, below=1)
+    displacement_std: float | None = param(
+        "1",
+        f"relative standard deviation of the deflections Y_m, at the same ΣF_m; {UNSTATED}",
+        None,
+        at_least=0,
+        below=1,
     )
     deviations: tuple[Deviation, ...] = param(
         "", "standard deviations of single parameters, such as { parameter = 'curve.coulomb_force', std = 0.5 }", ()
@@ -104,6 +119,7 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
         "correlation matrix of `deviations`, row by row, as identification gives it; empty if they are independent",
         (),
     )
+    corrects_friction: bool = param("", "whether errors of the model that harmonics show move the response", True)
 
     def model_post_init(self, context: object) -> None:
         """Check that the method accepts û_e, and that the friction model has the parameters that deviate."""
@@ -149,7 +165,7 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
             observer, signals = observer.model_copy(update={"relative_degree": 0}), replace(signals, segments=moved)
             forces = observer._forces(signals.segments)
             found = observer._estimate_along(signals, forces)
-        return observer._completed(signals, forces, found, self.relative_degree)
+        return observer._completed(signals, found, self.relative_degree)
 
     def _images_that_matter(self, signals: Signals, found: Result) -> HoldImages | None:
         """Return the images of the hold in the sampled position, if they are more than the tolerance."""
@@ -176,29 +192,73 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
         sample_time = min(segment.sample_time for segment in signals.segments)
         return plant.limit if plant.error(np.pi / sample_time) < MAX_ERROR else guess
 
-    def _completed(
-        self, signals: Signals, forces: Sequence[NDArray[np.float64]], found: Result, relative_degree: int
-    ) -> Result:
+    def _completed(self, signals: Signals, found: Result, relative_degree: int) -> Result:
         """Return a result with its uncertainty by encoder and friction model, and with all that makes it doubtful."""
-        if found.response is not None and self._encoder_matters(signals):
+        if found.response is None:
+            return found
+        if self._encoder_matters(signals):
             plant = PlantAboveModes.of_gain(gain_above_modes(found.response, relative_degree), relative_degree)
             response, weak = self._with_encoder_errors(signals, found.response, plant)
-            found = check_encoder(replace(found, response=response))
-            found = replace(found, message=join_messages(found.message, weak_terms_text(response, weak)))
-        hidden = self._hidden(signals) if found.response else []
-        found = self._check_standstill(signals, hidden, found)
-        if found.response is not None and self._is_uncertain:
-            covariance = self._model_covariance(signals, found.response.frequency.size)
-            found = replace(found, response=with_model_covariance(found.response, covariance))
-        if found.response is None or any(hidden):  # what standstill hides is no error of the model
-            return found
-        encoder, segments = Encoder(self.noise, self.resolution), signals.segments
-        contact = ContactFriction.of_output(self, segments, forces)
-        return check_friction_model(found, model_error(self, encoder, segments, [contact], found.response))
+            message = join_messages(found.message, weak_terms_text(response, weak))
+            found = replace(found, response=response, message=message)
+        hidden = self._hidden(signals)
+        found, record = self._check_standstill(signals, hidden, found), None
+        if found.response is not None and not any(hidden):  # what standstill hides is no error of the model
+            record = SineRecord(self, signals.segments, Encoder(self.noise, self.resolution), found.response)
+        return judge_band(with_model_errors(found, record, self._errors(signals), corrects=self.corrects_friction))
 
-    def _estimate_with_model(self, signals: Signals) -> Result:
-        """Return the response to û_e with this friction model."""
-        return self._estimate_along(signals, self._forces(signals.segments))
+    def _errors(self, signals: Signals) -> ModelErrors | None:
+        """Return what is uncertain of the friction model: its scales, and the columns of its deviations.
+
+        None where it is the simulated machine's own, unless something is stated of its deviations.
+        """
+        is_known = knows_machine(self, self.friction, signals)
+        segments, scales = signals.segments, self._uncertain_scales(is_known=is_known or bool(self.deviations))
+        columns = covariance_root(self.friction, self.deviations, self.correlation)
+        if is_known and not (scales or columns.size):
+            return None
+        motions = [self.mean_motion(segment) for segment in segments]
+
+        def applied(sizes: NDArray[np.float64]) -> EffectiveInput:
+            factors = zip(scales.items(), scale_factors([std for _, std in scales.values()], sizes), strict=True)
+            changes: dict[str, object] = {name: value * factor for (name, (value, _)), factor in factors}
+            changes["friction"] = moved_within_bounds(self.friction, self.deviations, columns @ sizes[len(scales) :])
+            return self.model_copy(update=changes)
+
+        def force_terms(sizes: NDArray[np.float64]) -> list[NDArray[np.complex128]]:
+            observer = applied(sizes)
+            scale = self.displacement_scale / observer.displacement_scale
+            driving = [
+                each._replace(displacement=scale * each.displacement, lead_in=scale * each.lead_in) for each in motions
+            ]
+            forces = zip(segments, observer.friction.forces(driving), strict=True)
+            return [observer.force_at(segment, force, harmonic_lines(segment)) for segment, force in forces]
+
+        def inverse_with(sizes: NDArray[np.float64]) -> NDArray[np.complex128]:
+            observer = applied(sizes)
+            return inverse_response(observer._estimate_along(signals, observer._forces(segments)))
+
+        return ModelErrors(scales, columns.shape[1], force_terms, inverse_with, self.stiffness)
+
+    def _uncertain_scales(self, *, is_known: bool) -> dict[str, tuple[float, float]]:
+        """Return value and relative standard deviation of each scale of the model that is uncertain."""
+        is_positioned = isinstance(self.friction, PositionDependentFriction)
+        stated = zip(SCALES, (self.force_std, 0.0 if is_positioned else self.displacement_std), strict=True)
+        stds = {scale: prior_std(std, self.friction, is_known=is_known) for scale, std in stated}
+        return {scale: (getattr(self, scale), std) for scale, std in stds.items() if std}
+
+    def force_at(
+        self, segment: Segment, force: NDArray[np.float64], lines: NDArray[np.int64]
+    ) -> NDArray[np.complex128]:
+        """Return the terms of all friction [N] at lines, from the model's force along the mean period, shape (k,)."""
+        omega = line_omega(segment, lines)
+        terms = np.fft.rfft(force)[lines] * (2 / force.size) * self.force_factor(omega)
+        return np.asarray(terms + 1j * omega * self.friction.viscous * record_terms(segment, self.output, lines))
+
+    def stiffness(self, omega: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the greatest change of the friction force by an error of the output [N/m], at ω [rad/s]."""
+        greatest = self.friction.max_stiffness * self.force_scale / self.displacement_scale
+        return np.full(omega.size, greatest)
 
     def _estimate_along(self, signals: Signals, forces: Sequence[NDArray[np.float64]]) -> Result:
         """Return the response to û_e with the friction model's forces along the segments."""
@@ -331,31 +391,6 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
             np.vstack([scatter, correction, interpolation, float(plant.error(np.pi / segment.sample_time)) * hidden]),
             weak,
         )
-
-    @property
-    def _is_uncertain(self) -> bool:
-        return bool(self.force_std or self.displacement_std or self.deviations)
-
-    def _model_covariance(self, signals: Signals, count: int) -> NDArray[np.float64]:
-        """Return the covariance of (real, imaginary) part of 1/P̂ by the friction model, shape (n, 2, 2)."""
-        total = np.zeros((count, 2, 2))
-        for above, below, steps in self._neighbours():
-            inverses = [inverse_response(neighbour._estimate_with_model(signals)) for neighbour in (above, below)]
-            total += outer_parts((inverses[0] - inverses[1]) / (2 * steps))
-        return total
-
-    def _neighbours(self) -> Iterator[tuple[Self, Self, float]]:
-        """Yield, for each error, the estimators above and below, and how many standard deviations away they are."""
-        for scale, std in (("force_scale", self.force_std), ("displacement_scale", self.displacement_std)):
-            if std:
-                steps = min(DIFFERENCE_STEP_STDS, MAX_SCALE_REDUCTION / std)
-                change = getattr(self, scale) * std * steps * np.array([1, -1])
-                above, below = (self.model_copy(update={scale: float(size)}) for size in getattr(self, scale) + change)
-                yield above, below, steps
-        for upper, lower, steps in perturbations(
-            self.friction, self.deviations, self.correlation, DIFFERENCE_STEP_STDS
-        ):
-            yield self.model_copy(update={"friction": upper}), self.model_copy(update={"friction": lower}), steps
 
 
 def _add_force(segment: Segment, hidden: HiddenForce | None) -> Segment:

@@ -1,6 +1,6 @@
 """The proposed FRA method for machines with friction at several contacts, or away from the measured position."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple, Self
 
@@ -30,23 +30,67 @@ from fraexp_plugins.estimators._shared.contact_displacement import (
     with_displacement,
 )
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
-from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
-from fraexp_plugins.estimators._shared.friction_consistency import (
-    STATED_STDS,
-    ContactFriction,
-    StatedDeviation,
-    model_error,
-)
+from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT, ObserverEstimator
+from fraexp_plugins.estimators._shared.friction_posterior import SineRecord, harmonic_lines, line_omega, record_terms
 from fraexp_plugins.estimators._shared.further_thrusts import further_thrusts, record_omega, refer_thrusts
-from fraexp_plugins.estimators._shared.model_covariance import inverse_response, outer_parts, with_model_covariance
-from fraexp_plugins.estimators._shared.parameter_uncertainty import Deviation, check_deviations, perturbations
+from fraexp_plugins.estimators._shared.model_covariance import inverse_response
+from fraexp_plugins.estimators._shared.parameter_uncertainty import (
+    Deviation,
+    check_deviations,
+    covariance_root,
+    moved_within_bounds,
+)
 from fraexp_plugins.estimators._shared.response_doubts import (
     check_contact_standstill,
-    check_friction_models,
     check_unbanded_encoder,
+    judge_band,
 )
 from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
-from fraexp_plugins.estimators.effective_input import DIFFERENCE_STEP_STDS, EffectiveInput
+from fraexp_plugins.estimators._shared.uncertain_friction import (
+    SCALES,
+    UNSTATED,
+    ModelErrors,
+    knows_machine,
+    prior_std,
+    scale_factors,
+    with_model_errors,
+)
+from fraexp_plugins.estimators.effective_input import EffectiveInput
+
+ENCODER_STDS = 2.0
+"""Standard deviations of an error by the encoder that count as its greatest."""
+Scales = Mapping[str, tuple[float, float]]
+"""Factors on force and deflections of the friction model of each contact."""
+
+
+class ContactFriction(NamedTuple):
+    """The friction model's force at a contact along a record, and how it acts on the measured position."""
+
+    observer: ObserverEstimator
+    """Its `output` is the channel of the contact's displacement."""
+    segments: Sequence[Segment]
+    """The record with that channel."""
+    forces: Sequence[NDArray[np.float64]]
+    """The model's force along each segment, as the observer gives it."""
+    thrust_ratio: Callable[[NDArray[np.float64]], NDArray[np.complex128]]
+    """Returns the thrust that moves the output as a unit of the force does, at ω [rad/s]."""
+    error_ratio: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    """Returns the error of the displacement over that of a measured position, at ω [rad/s]."""
+
+    def terms(self, number: int) -> NDArray[np.complex128]:
+        """Return all its friction as thrust [N] at the excited line of a segment and at its multiples."""
+        observer, segment, force = self.observer, self.segments[number], self.forces[number]
+        lines, mean = harmonic_lines(segment), np.add.reduce(force, axis=0) / len(force)
+        omega = line_omega(segment, lines)
+        found = np.fft.rfft(mean)[lines] * (2 / mean.size) * observer.force_factor(omega)
+        found += 1j * omega * observer.friction.viscous * record_terms(segment, observer.output, lines)
+        return np.asarray(self.thrust_ratio(omega) * found)
+
+    def stiffness(self, omega: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the greatest change of that thrust by an error of a measured position [N/m], at ω [rad/s]."""
+        observer = self.observer
+        greatest = observer.friction.max_stiffness * observer.force_scale / observer.displacement_scale
+        return np.asarray(np.abs(self.thrust_ratio(omega)) * greatest * self.error_ratio(omega))
 
 
 class _Compensation(NamedTuple):
@@ -54,6 +98,15 @@ class _Compensation(NamedTuple):
 
     signals: Signals
     contacts: tuple[ContactFriction, ...]
+
+    def stiffness(self, omega: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the greatest change of all friction by an error of a measured position [N/m], at ω [rad/s]."""
+        return np.add.reduce([np.zeros(omega.size), *(contact.stiffness(omega) for contact in self.contacts)])
+
+    def force_terms(self) -> list[NDArray[np.complex128]]:
+        """Return the terms of all friction as thrust [N] in each segment, at the excited line and its multiples."""
+        numbers = range(len(self.signals.segments))
+        return [np.add.reduce([contact.terms(number) for contact in self.contacts]) for number in numbers]
 
 
 class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective_input", version=4):
@@ -66,15 +119,12 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
 
     The displacement of one contact may be unknown. It is then reconstructed from the position that is fed back, by the
     nominal plant. Both uses of the nominal plant cost what it is wrong. With standard deviations of its parameters,
-    `plant_deviations`, the confidence band contains that: they move the nominal plant, and with it 1/P̂.
+    `plant_deviations`, the confidence band contains that, as it contains the errors of the friction models. Harmonics
+    narrow both, and move the response to the most probable ones, as with effective_input.
 
     The band does not contain noise and rounding of the encoder, which act on P̂ through the friction models. A message
     states how far they may move the response where that is more than 1 % and than the band, from the greatest stiffness
     of the models; more than 10 % is not ok.
-
-    At harmonics of a sine friction alone moves the plant. Where they lie within the measured frequencies and contradict
-    the friction models by more than encoder and plant explain, the sweep is not ok, and says how wrong they are. What
-    is wrong at one contact counts by its share of the friction force, and a wrong nominal plant counts too.
 
     `output` chooses the position of the response: `y.load` for the one called load. Control inputs of further thrusts,
     such as `u.right`, count as friction does: as the thrust that moves the output so, by the nominal plant. The
@@ -87,6 +137,12 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
     position: str = param("", "position that is fed back, as in the loop", "", inherit="loop.position")
     resolution: float = param("m", "quantisation step of the encoder", 0.0, at_least=0, inherit="loop.resolution")
     noise: float = param("m", "standard deviation of the encoder's noise", 0.0, at_least=0, inherit="loop.noise")
+    force_std: float | None = param(
+        "1", f"relative standard deviation of ΣF_m of each contact; {UNSTATED}", None, at_least=0, below=1
+    )
+    displacement_std: float | None = param(
+        "1", f"relative standard deviation of the deflections Y_m of each; {UNSTATED}", None, at_least=0, below=1
+    )
     plant_deviations: tuple[Deviation, ...] = param(
         "",
         "standard deviations of the nominal plant's parameters, such as { parameter = 'stiffness', std = 4000.0 }",
@@ -103,6 +159,7 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
         if isinstance(frictions, Mapping):
             known["frictions"] = dict(frictions)
         certain: dict[str, object] = {"resolution": 0.0, "noise": 0.0, "plant_deviations": ()}
+        certain |= {"force_std": 0.0, "displacement_std": 0.0}
         return self.model_copy(update={**known, **certain})
 
     def model_post_init(self, context: object) -> None:
@@ -113,80 +170,84 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
             raise ParameterError(f"{self.name}.plant_{error}") from None
 
     def estimate(self, signals: Signals) -> Result:
-        """Return y'/û_e at each frequency, with a band that contains the stated deviations of the nominal plant."""
+        """Return y'/û_e at each frequency, with a band that contains errors of the friction models and of the plant."""
         if not signals.segments:
             return Result(signals.outcome, signals.message)
         compensation = self._compensation(signals)
         found = self._estimate_along(compensation)
         if found.response is None:
             return found
-        others = self._neighbours(signals)
-        if others:
-            covariance = np.zeros((found.response.frequency.size, 2, 2))
-            for above, below, steps in others:
-                inverses = [inverse_response(self._estimate_along(each)) for each in (above, below)]
-                covariance += outer_parts((inverses[0] - inverses[1]) / (2 * steps))
-            found = replace(found, response=with_model_covariance(found.response, covariance))
-        if found.response is not None and (self.noise or self.resolution):
+        if self.noise or self.resolution:
             found = check_unbanded_encoder(found, self._encoder_error(compensation, found.response))
-        return self._check_models(found, compensation, others)
+        segments = compensation.signals.segments
+        hidden = [hidden_forces(each.observer, segments) for each in compensation.contacts]
+        errors = self._errors(signals, compensation)
+        record = None
+        if any(map(any, hidden)):  # what it hides is no error of a model
+            found = _check_standstill(found, compensation, hidden)
+        elif found.response is not None:
+            record = SineRecord(self, segments, Encoder(self.noise, self.resolution), found.response)
+        return judge_band(with_model_errors(found, record, errors))
+
+    def _errors(self, signals: Signals, compensation: _Compensation) -> ModelErrors:
+        """Return what is uncertain of the friction models, contact by contact, and of the nominal plant."""
+        is_known, stated = knows_machine(self, self.frictions, signals), (self.force_std, self.displacement_std)
+        stds: dict[str, float] = {}
+        for contact in compensation.contacts:
+            name = contact.observer.output.removeprefix(contact_channel(""))
+            for scale, std in zip(SCALES, stated, strict=True):
+                model = self.frictions[name]
+                is_positioned = scale == SCALES[1] and isinstance(model, PositionDependentFriction)
+                stds[f"{name}: {scale}"] = prior_std(std, model, is_known=is_known or is_positioned)
+        scales = {name: (1.0, std) for name, std in stds.items() if std}
+        columns = covariance_root(self.nominal_plant, self.plant_deviations, ())
+
+        def applied(sizes: NDArray[np.float64]) -> _Compensation:
+            factors = dict(zip(scales, scale_factors([std for _, std in scales.values()], sizes), strict=True))
+            plant = moved_within_bounds(self.nominal_plant, self.plant_deviations, columns @ sizes[len(scales) :])
+            return self.model_copy(update={"nominal_plant": plant})._compensation(signals, factors)
+
+        return ModelErrors(
+            scales,
+            columns.shape[1],
+            lambda sizes: applied(sizes).force_terms(),
+            lambda sizes: inverse_response(self._estimate_along(applied(sizes))),
+            compensation.stiffness,
+        )
 
     def _encoder_error(self, compensation: _Compensation, response: FrequencyResponse) -> NDArray[np.float64]:
         """Return by how much noise and rounding may move the response, relative to it, shape (n,): two deviations.
 
         An error of a displacement changes the force by no more than the friction model's greatest stiffness.
         """
-        segments, contacts = compensation
         position, force = [], []
-        for segment in segments.segments:
+        for segment in compensation.signals.segments:
             encoder = Encoder(self.noise / np.sqrt(len(segment.channels[self.output])), self.resolution)
-            deviation, omega = float(np.sqrt(phasor_variance(segment, encoder)[0])), 2 * np.pi * segment.frequency
+            deviation, omega = (
+                float(np.sqrt(phasor_variance(segment, encoder, self.output)[0])),
+                2 * np.pi * segment.frequency,
+            )
             position.append(np.full(omega.size, deviation))
-            force.append(
-                np.add.reduce([np.zeros(omega.size), *(c.force_deviation(omega, deviation) for c in contacts)])
-            )
+            force.append(deviation * compensation.stiffness(omega))
         with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
-            return np.asarray(
-                STATED_STDS
-                * (
-                    np.concatenate(position) / response.output_amplitude
-                    + np.concatenate(force) / response.input_amplitude
-                )
-            )
+            moved = np.concatenate(position) / response.output_amplitude
+            return np.asarray(ENCODER_STDS * (moved + np.concatenate(force) / response.input_amplitude))
 
-    def _neighbours(self, signals: Signals) -> list[tuple[_Compensation, _Compensation, float]]:
-        """Return, for each stated deviation of the nominal plant, the compensation above and below, and its steps."""
-        found = []
-        for above, below, steps in perturbations(self.nominal_plant, self.plant_deviations, (), DIFFERENCE_STEP_STDS):
-            upper, lower = (self.model_copy(update={"nominal_plant": plant}) for plant in (above, below))
-            found.append((upper._compensation(signals), lower._compensation(signals), steps))
-        return found
+    def _compensation(self, signals: Signals, factors: Mapping[str, float] | None = None) -> _Compensation:
+        """Return the displacement of each contact that has friction, and the force of its friction model.
 
-    def _check_models(
-        self,
-        found: Result,
-        compensation: _Compensation,
-        others: Sequence[tuple[_Compensation, _Compensation, float]],
-    ) -> Result:
-        """Return a result that is not ok where the harmonics of the motion contradict the friction models."""
-        segments, contacts = compensation.signals.segments, compensation.contacts
-        if found.response is None:
-            return found
-        hidden = [hidden_forces(each.observer, segments) for each in contacts]
-        if any(map(any, hidden)):
-            return _check_standstill(found, compensation, hidden)  # what it hides is no error of a model
-        encoder = Encoder(self.noise, self.resolution)
-        stated = [StatedDeviation(above.contacts, below.contacts, steps) for above, below, steps in others]
-        return check_friction_models(found, model_error(self, encoder, segments, contacts, found.response, stated))
-
-    def _compensation(self, signals: Signals) -> _Compensation:
-        """Return the displacement of each contact that has friction, and the force of its friction model."""
+        `factors` change scales of the models, by their names such as `motor: force_scale`.
+        """
         ports = self.nominal_plant.ports().closed_by(self.thrust, self.position)
         models, target = self._models(ports), self._position_of(self.output, ports)
         weights = self._displacement_weights(signals, ports, models)
         signals = self._with_displacements(signals, ports, models, weights)
         signals = refer_thrusts(signals, self.input, ports, target)
-        contacts = [self._contact(name, model, ports, signals, target, weights[name]) for name, model in models.items()]
+        scales = {name: [(factors or {}).get(f"{name}: {scale}", 1.0) for scale in SCALES] for name in models}
+        contacts = [
+            self._contact(name, model, ports, signals, target, weights[name], scales[name])
+            for name, model in models.items()
+        ]
         return _Compensation(signals, tuple(contacts))
 
     def _contact(
@@ -197,9 +258,10 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
         signals: Signals,
         target: str,
         weights: Mapping[str, float] | None,
+        scales: Sequence[float],
     ) -> ContactFriction:
         """Return the friction force of a contact whose displacement is a channel of the signals."""
-        observer = self._observer(name, model, ports, signals.segments)
+        observer = self._observer(name, model, ports, signals.segments, scales)
 
         def thrust_ratio(omega: NDArray[np.float64]) -> NDArray[np.complex128]:
             share = ports.share(ports.contacts[name].force, omega, target)
@@ -232,7 +294,12 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
         return {name: model for name, model in self.frictions.items() if model.state_size or model.viscous}
 
     def _observer(
-        self, contact: str, model: FrictionModel, ports: Ports, segments: Sequence[Segment]
+        self,
+        contact: str,
+        model: FrictionModel,
+        ports: Ports,
+        segments: Sequence[Segment],
+        scales: Sequence[float] = (1.0, 1.0),
     ) -> EffectiveInput:
         """Return the observer of one contact, which is driven by its displacement."""
         shared = {name: getattr(self, name) for name in DelayedEstimator.model_fields if name != "output"}
@@ -242,6 +309,7 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
             resolution=self.resolution,
             noise=self.noise,
             interpolation_tolerance=self.interpolation_tolerance,
+            **dict(zip(SCALES, scales, strict=True)),
             **shared,
         )
         return observer.resolve_oversampling(segments)

@@ -153,7 +153,7 @@ class EncoderAwareObserver(ObserverEstimator, ABC):
     def _output_deviation(self, segments: Sequence[Segment]) -> NDArray[np.float64]:
         """Return the standard deviation of the output's phasors by noise and rounding [m], at all lines."""
         encoder = Encoder(self.noise, self.resolution)
-        return np.sqrt(np.concatenate([phasor_variance(segment, encoder) for segment in segments]))
+        return np.sqrt(np.concatenate([phasor_variance(segment, encoder, self.output) for segment in segments]))
 
     def _motions_of_terms(
         self, segment: Segment, terms: NDArray[np.complex128], duration: float, finer: int = 1

@@ -21,12 +21,28 @@ def outer_parts(change: NDArray[np.complex128]) -> NDArray[np.float64]:
     return np.asarray(parts[:, :, None] * parts[:, None, :])
 
 
-def with_model_covariance(response: FrequencyResponse, covariance: NDArray[np.float64]) -> FrequencyResponse:
-    """Return the response with the covariance by the model: all of it where that by noise is unknown."""
+def with_inverse(
+    response: FrequencyResponse, change: NDArray[np.complex128], covariance: NDArray[np.float64]
+) -> FrequencyResponse:
+    """Return the response whose inverse is changed, shape (n,), and has this covariance by the model, shape (n, 2, 2).
+
+    The band by noise keeps its size in 1/response. Where it is unknown, all of the covariance is that by the model.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+        ratio = 1 / (1 + change * response.response)
     freedom = response.freedom
     if freedom is not None:
         freedom = np.where(np.isfinite(response.covariance).all(axis=(1, 2)), freedom, np.inf)
-    return replace(response, freedom=freedom, model_covariance=covariance)
+    turn = np.moveaxis(np.array([[ratio.real, -ratio.imag], [ratio.imag, ratio.real]]), -1, 0)
+    turn = turn @ turn  # 1/response changes by δ where response changes by -δ response²
+    return replace(
+        response,
+        response=response.response * ratio,
+        covariance=turn @ response.covariance @ np.swapaxes(turn, 1, 2),
+        input_amplitude=response.input_amplitude / np.abs(ratio),
+        freedom=freedom,
+        model_covariance=covariance,
+    )
 
 
 def relative_radius(response: FrequencyResponse) -> NDArray[np.float64]:

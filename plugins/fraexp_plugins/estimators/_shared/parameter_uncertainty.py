@@ -1,9 +1,9 @@
 """The uncertainty of a model of friction or of a plant: standard deviations of parameters, and their correlation."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from math import inf
-from typing import Generic, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,46 +85,25 @@ def correlation_matrix(correlation: Sequence[Sequence[float]], count: int) -> ND
     return matrix
 
 
-class Perturbation(NamedTuple, Generic[Model]):
-    """A model on either side of the stated one."""
-
-    above: Model
-    below: Model
-    steps: float
-    """How many standard deviations both are away."""
-
-
-def perturbations(
-    model: Model, deviations: Sequence[Deviation], correlation: Sequence[Sequence[float]], steps: float
-) -> Iterator[Perturbation[Model]]:
-    """Yield the model above and below along each column of a square root of its parameters' covariance.
-
-    Both are `steps` columns away, or fewer if the bounds of a parameter do not allow that.
-    """
+def covariance_root(
+    model: Model, deviations: Sequence[Deviation], correlation: Sequence[Sequence[float]]
+) -> NDArray[np.float64]:
+    """Return columns whose outer products add up to the parameters' covariance, shape (deviations, columns)."""
     check_deviations(model, deviations, correlation)
     values, vectors = np.linalg.eigh(correlation_matrix(correlation, len(deviations)))
     sizes = np.array([each.in_si_units(model) for each in deviations])
-    for value, vector in zip(values, vectors.T, strict=True):
-        if value > CORRELATION_TOLERANCE:
-            yield _perturbation(model, deviations, sizes * vector * np.sqrt(value), steps)
+    is_free = values > CORRELATION_TOLERANCE
+    return np.asarray(sizes[:, None] * vectors[:, is_free] * np.sqrt(values[is_free]))
 
 
-def _perturbation(
-    model: Model, deviations: Sequence[Deviation], column: NDArray[np.float64], steps: float
-) -> Perturbation[Model]:
+def moved_within_bounds(model: Model, deviations: Sequence[Deviation], amounts: NDArray[np.float64]) -> Model:
+    """Return the model with parameters moved by `amounts` [their SI units], or by less if bounds do not allow it."""
     for _ in range(MAX_STEP_HALVINGS):
         try:
-            return _symmetric(model, deviations, column, steps)
+            return with_moved_parameters(model, deviations, amounts)
         except ParameterError:
-            steps /= 2
-    return _symmetric(model, deviations, column, steps)
-
-
-def _symmetric(
-    model: Model, deviations: Sequence[Deviation], column: NDArray[np.float64], steps: float
-) -> Perturbation[Model]:
-    above, below = (with_moved_parameters(model, deviations, sign * steps * column) for sign in (1, -1))
-    return Perturbation(above, below, steps)
+            amounts = amounts / 2
+    return model
 
 
 def with_moved_parameters(

@@ -6,39 +6,62 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import FrequencyResponse, Outcome, Result, circle_factor, degrees_of_freedom, frequency_text
-from fraexp_plugins.estimators._shared.friction_consistency import ModelError
+from fraexp.api import (
+    Accuracy,
+    BandReach,
+    FrequencyResponse,
+    Outcome,
+    Result,
+    circle_factor,
+    degrees_of_freedom,
+    frequency_text,
+)
 from fraexp_plugins.estimators._shared.model_covariance import relative_radius
 
 MAX_STANDSTILL_ERROR = 0.01
 """Relative error of the response by standstill from which it is not ok."""
 MAX_ENCODER_ERROR = 0.1
-"""Radius of the 95 % circle by noise and rounding, relative to the response, from which it is not ok: beyond, the error
-of û_e is no longer small, and 1/û_e is not linear in it."""
+"""Relative error of a response by the encoder, beside its band, from which it is not ok."""
+ACCURACY = Accuracy()
+FRICTION_PART = (
+    "by the friction model, or the delays",
+    "identify friction (maximum_likelihood, plant_and_friction), state what is known of the model (force_std, "
+    "displacement_std), raise the amplitude, or measure more frequencies, whose harmonics tell how wrong it is",
+)
+ENCODER_PART = (
+    "by rounding and noise of the encoder",
+    "raise the amplitude, use a finer encoder, or record more periods with noise",
+)
+"""Parts of a band: what they are by, and what narrows them."""
 MIN_STATED_ERROR = 0.01
 """Relative error of a response by the encoder, beside its band, from which it is stated."""
-MAX_MODEL_ERROR = 0.01
-"""Relative error of the response by a friction model that the harmonics contradict, from which it is not ok."""
 
 
-def check_encoder(found: Result) -> Result:
-    """Return a result that is not ok where errors of the encoder are no longer small against û_e."""
+def judge_band(found: Result, accuracy: Accuracy = ACCURACY) -> Result:
+    """Return a result that is not ok where its band reaches beyond the accuracy that is asked for.
+
+    It says at which frequencies, how far, which part of the band is to blame, and what narrows that.
+    """
     if found.response is None:
         return found
-    response = found.response
-    error = relative_radius(response)
-    error = np.where(np.isfinite(error), error, 0.0)
-    wrong = response.frequency[error > MAX_ENCODER_ERROR]
-    if not wrong.size:
+    response, whole = found.response, BandReach.of(found.response)
+    wrong = response.settled & ~whole.is_within(accuracy)
+    if not wrong.any():
         return found
-    worst = int(np.argmax(error))
-    turn = np.degrees(np.arcsin(min(error[worst], 1.0)))
+    worst = int(np.argmax(np.where(wrong, whole.magnitude, -1.0)))
+    by_noise = BandReach.of(replace(response, model_covariance=None))
+    by_model = BandReach.of(replace(response, covariance=np.zeros_like(response.covariance)))
+    blames = [
+        f"{cause}; {remedy}"
+        for reach, cause, remedy in ((by_model, *FRICTION_PART), (by_noise, *ENCODER_PART))
+        if (wrong & ~reach.is_within(accuracy)).any()
+    ] or [f"{FRICTION_PART[0]} and {ENCODER_PART[0]} together; {FRICTION_PART[1]}"]
+    size = "has no end" if np.isinf(whole.magnitude[worst]) else f"reaches to {whole.magnitude[worst]:.2g} dB"
     return with_doubt(
         found,
-        f"friction takes nearly all of the input at {wrong.size} of {error.size} frequencies "
-        f"({frequency_text(wrong)}), and rounding and noise of the encoder hide the rest: at "
-        f"{response.frequency[worst]:.4g} Hz the response may be off by {20 * np.log10(1 + error[worst]):.2g} dB, "
-        f"{turn:.2g} deg; raise the amplitude, use a finer encoder, or record more periods with noise",
+        f"the band is wider than {accuracy.magnitude:g} dB and {accuracy.phase:g} deg at {wrong.sum()} of {wrong.size} "
+        f"frequencies ({frequency_text(response.frequency[wrong])}), and {size} at "
+        f"{response.frequency[worst]:.4g} Hz: {'; '.join(blames)}",
     )
 
 
@@ -127,49 +150,3 @@ def check_contact_standstill(
         f"{share:.0%} of the time, and at {frequency[worst]:.4g} Hz the response may be off {off}; raise the "
         "amplitude, or estimate plant and friction along the whole record (maximum_likelihood)",
     )
-
-
-def check_friction_model(found: Result, error: ModelError | None) -> Result:
-    """Return a result that is not ok where the harmonics contradict the friction model by more than its band says."""
-    suspect = "the friction model, or the delays,"
-    remedy = (
-        "estimate friction too (maximum_likelihood), or state the model's uncertainty (force_std, displacement_std)"
-    )
-    return _check_suspects(found, error, suspect, remedy)
-
-
-def check_friction_models(found: Result, error: ModelError | None) -> Result:
-    """Return the same for friction models at several contacts, and the plant by which they act at a distance."""
-    suspect = "the friction models, the nominal plant or the delays"
-    remedy = (
-        "identify the friction of each contact again, raise the amplitude, or state the uncertainty of the nominal "
-        "plant (plant_deviations)"
-    )
-    return _check_suspects(found, error, suspect, remedy)
-
-
-def _check_suspects(found: Result, error: ModelError | None, suspect: str, remedy: str) -> Result:
-    if found.response is None or error is None:
-        return found
-    response, size = found.response, error.response_error(found.response)
-    known = np.hypot(np.nan_to_num(relative_radius(response), posinf=np.inf), _stated_model_error(response))
-    wrong = size > np.maximum(MAX_MODEL_ERROR, known)
-    if not wrong.any():
-        return found
-    worst = int(np.argmax(np.where(wrong, size, 0.0)))
-    off = f"by about {20 * np.log10(1 + size[worst]):.2g} dB" if size[worst] < 1 else "by any amount"
-    places = f"{wrong.sum()} of {wrong.size} frequencies ({frequency_text(response.frequency[wrong])})"
-    return with_doubt(
-        found,
-        f"the harmonics of the motion contradict {suspect} by about {error.size:.2g} of the friction force: at "
-        f"{places} the response depends on it, and at {response.frequency[worst]:.4g} Hz it may be off {off}; {remedy}",
-    )
-
-
-def _stated_model_error(response: FrequencyResponse) -> NDArray[np.float64]:
-    """Return the relative error of 1/response by what is stated of the friction model's error, shape (n,)."""
-    if response.model_covariance is None:
-        return np.zeros(response.frequency.size)
-    variance = np.trace(response.model_covariance, axis1=1, axis2=2)
-    exact = np.full(variance.size, np.inf)
-    return np.asarray(circle_factor(exact) * np.sqrt(variance) * np.abs(response.response))

@@ -1,0 +1,288 @@
+"""What the harmonics of the motion tell of an uncertain friction model: the posterior of its errors.
+
+A sine excites its own frequency only. What the axis does at a multiple of it, friction does. Where that multiple lies
+among the measured frequencies the plant is known there, so y'/P, the force that must have moved the axis, is compared
+with the effective input û_e, in which the friction model's force is most of what there is. Neither the amplitude nor
+the plant needs to be known.
+
+The errors of the model are counted in their prior standard deviations, so that their prior is a standard normal
+distribution. Where no harmonic tells anything, the posterior is the prior.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import Encoder, FrequencyResponse, Segment, phasor_variance, phasors, record_spectrum
+from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
+from fraexp_plugins.estimators._shared.effective_input_observer import is_from_rest
+from fraexp_plugins.estimators._shared.model_covariance import relative_radius
+from fraexp_plugins.estimators._shared.plant_curve import PlantCurve
+
+MAX_ORDER = 25
+"""Highest harmonic that is examined: those of dry friction fall with the order, and hide in the encoder's noise."""
+LAW_ERRORS = (0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
+"""Errors of the law itself, over its force at a harmonic, one of which is the most probable. They are tried in this
+order: of a law that may be off by 10 % all harmonics point to the right model, wherever one begins. The least is the
+interpolation of the motion."""
+LEAST_SHARE = 1e-3
+"""Least force at a harmonic, over that of dry friction there: even ones have hardly any, and tell nothing of a law."""
+ARBITRARY = 0.05
+"""Probability of a harmonic that tells nothing, as one beside a mode between two frequencies: it may lack any force."""
+STEP = 0.25
+"""Half width of central differences, in prior standard deviations."""
+STEP_PARTS = (1.0, 0.5, 0.25, 0.1)
+"""Parts of a step of the search that are tried."""
+MAX_STEPS, SMALL_STEP = 4, 0.01
+"""Steps with one tolerance, and the last one's size in prior standard deviations."""
+
+ForceTerms = Callable[[NDArray[np.float64]], Sequence[NDArray[np.complex128]]]
+"""Returns all friction as thrust [N] for errors of the model, shape (p,): of each segment the terms at its excited line
+and the multiples of that, shape (orders,)."""
+Stiffness = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Returns the greatest change of the friction force by an error of the output [N/m], at ω [rad/s]."""
+
+
+class FrictionPosterior(NamedTuple):
+    """The errors of a friction model, in prior standard deviations."""
+
+    mean: NDArray[np.float64]
+    """Most probable errors, shape (p,)."""
+    root: NDArray[np.float64]
+    """Columns whose outer products add up to their covariance, shape (p, p)."""
+    law_error: float = 0.0
+    """Most probable error of the law itself, over the friction force: what such errors do not explain."""
+    harmonics: int = 0
+    """Number of harmonics from which this follows; 0 if the prior stands."""
+
+    @classmethod
+    def prior(cls, count: int) -> "FrictionPosterior":
+        """Return the prior of a number of errors."""
+        return cls(np.zeros(count), np.eye(count))
+
+
+class SineRecord(NamedTuple):
+    """A record of sines, and the response that an estimator found of it with the stated friction model."""
+
+    estimator: DelayedEstimator
+    segments: Sequence[Segment]
+    """One for each frequency."""
+    encoder: Encoder
+    """Noise and rounding of the estimator's output."""
+    response: FrequencyResponse
+
+    @property
+    def has_harmonics(self) -> bool:
+        """Whether harmonics of its sines may lie among its frequencies."""
+        return len(self.segments) > 2 and all(map(_is_sine, self.segments))
+
+
+class _Look(NamedTuple):
+    """What the harmonics say of a friction model with certain errors, shape (n,) each."""
+
+    errors: NDArray[np.float64]
+    """Errors of the model, shape (p,)."""
+    law_error: float
+    """Error of the law itself, over its force."""
+    lacking: NDArray[np.complex128]
+    """Thrust less friction less what moves the plant [N]."""
+    deviation: NDArray[np.float64]
+    """Its standard deviation by encoder, plant and numerics [N]."""
+    scale: NDArray[np.float64]
+    """Force of the stated model at the harmonic [N]."""
+    known: NDArray[np.bool_]
+    """Where the plant is known, and the others tell nothing."""
+
+    @property
+    def size(self) -> NDArray[np.float64]:
+        """What lacks, in its standard deviations."""
+        return np.asarray(np.abs(self.lacking) / self.deviation)
+
+    @property
+    def densities(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The densities of what lacks where the harmonic tells something, and where it does not, times π scale²."""
+        normal = np.exp(-(self.size**2)) * (self.scale / self.deviation) ** 2
+        return np.where(self.known, (1 - ARBITRARY) * normal, 0.0), np.full(self.known.size, ARBITRARY)
+
+    @property
+    def weight(self) -> NDArray[np.float64]:
+        """Probability that a harmonic tells something."""
+        telling, arbitrary = self.densities
+        return np.asarray(telling / (telling + arbitrary))
+
+    @property
+    def cost(self) -> float:
+        """-ln of the posterior, but for a constant."""
+        return float(-np.sum(np.log(np.add(*self.densities))) + self.errors @ self.errors / 2)
+
+
+def friction_posterior(
+    record: SineRecord, force_terms: ForceTerms, stiffness: Stiffness, count: int
+) -> FrictionPosterior:
+    """Return the posterior of `count` errors of a friction model; without any, the error of its law alone."""
+    prior = FrictionPosterior.prior(count)
+    if not record.has_harmonics:
+        return prior
+    harmonics, errors = _Harmonics(record, force_terms, stiffness, count), prior.mean
+    for law_error in LAW_ERRORS:
+        known = harmonics.known(errors)
+        errors = _most_probable(harmonics, errors, law_error, known).errors
+    known = harmonics.known(errors)
+    found = min((harmonics.look(errors, each, known) for each in LAW_ERRORS), key=lambda look: look.cost)
+    return _posterior(harmonics, _most_probable(harmonics, errors, found.law_error, known))
+
+
+def _most_probable(
+    harmonics: "_Harmonics", errors: NDArray[np.float64], law_error: float, known: NDArray[np.bool_]
+) -> _Look:
+    """Return the most probable errors near some, if the law itself has that error."""
+    found = harmonics.look(errors, law_error, known)
+    for _ in range(MAX_STEPS if errors.size else 0):
+        gradient, curvature = harmonics.slopes(found)
+        step = -np.linalg.solve(curvature, gradient)
+        tried = (harmonics.look(found.errors + part * step, law_error, known) for part in STEP_PARTS)
+        following = next((look for look in tried if look.cost < found.cost), None)
+        found = following or found
+        if following is None or np.abs(step).max() < SMALL_STEP:
+            break
+    return found
+
+
+def _posterior(harmonics: "_Harmonics", found: _Look) -> FrictionPosterior:
+    """Return the posterior around its maximum."""
+    telling = round(found.weight.sum())
+    law_error = found.law_error if telling else 0.0
+    if not found.errors.size:
+        return FrictionPosterior(found.errors, np.empty((0, 0)), law_error, telling)
+    values, vectors = np.linalg.eigh(np.linalg.inv(harmonics.slopes(found)[1]))
+    return FrictionPosterior(found.errors, vectors * np.sqrt(values), law_error, telling)
+
+
+class _Harmonics:
+    """The harmonics of all segments that lie among the measured frequencies, shape (n,) each."""
+
+    def __init__(self, record: SineRecord, force_terms: ForceTerms, stiffness: Stiffness, count: int) -> None:
+        self.response, self.force_terms = record.response, force_terms
+        highest = float(record.response.frequency.max())
+        self.orders = [_examined_orders(segment, highest) for segment in record.segments]
+        alike = _rounded_alike(record)
+        columns = zip(record.segments, self.orders, alike.tolist(), strict=True)
+        parts = [_measured(record, *each) for each in columns]
+        omega, motion, thrust, deviation = zip(*parts, strict=True)
+        self.omega, self.motion_deviation = np.concatenate(omega), np.concatenate(deviation)
+        self.motion, self.thrust = np.concatenate(motion), np.concatenate(thrust)
+        self.force_deviation = stiffness(self.omega) * self.motion_deviation
+        output = record.estimator.output
+        self.output = np.array([phasors(segment, output)[:, 0].mean() for segment in record.segments])
+        self.stated, force = self._forces(np.zeros(count))
+        excited = [np.abs(each) / orders for each, orders in zip(self.stated, self.orders, strict=True)]
+        self.scale = np.hypot(np.abs(force), LEAST_SHARE * np.concatenate(excited))
+
+    def _forces(self, errors: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return the terms of friction at the excited lines and at the harmonics [N]."""
+        terms = self.force_terms(errors)
+        at_harmonics = [each[orders - 1] for each, orders in zip(terms, self.orders, strict=True)]
+        return np.array([each[0] for each in terms]), np.concatenate(at_harmonics)
+
+    def _plant(self, excited: NDArray[np.complex128]) -> PlantCurve:
+        """Return the plant that follows from such friction at the excited lines [N]."""
+        found, settled = self.response, self.response.settled
+        with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+            inverse = 1 / found.response + (self.stated - excited) / self.output
+            radius = relative_radius(found) / np.abs(found.response)
+        return PlantCurve.of(2 * np.pi * found.frequency[settled], inverse[settled], radius[settled])
+
+    def known(self, errors: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return at which harmonics the plant is known that follows from such errors."""
+        plant = self._plant(self._forces(errors)[0])
+        nothing = np.zeros(self.omega.size, dtype=bool)
+        return plant.is_known(self.omega) if plant.has_close_frequencies else nothing
+
+    def look(self, errors: NDArray[np.float64], law_error: float, known: NDArray[np.bool_]) -> _Look:
+        """Return what the harmonics say of such errors, where the plant is known."""
+        if not known.any():
+            return _Look(errors, law_error, np.zeros(known.size, dtype=complex), self.scale, self.scale, known)
+        excited, force = self._forces(errors)
+        plant = self._plant(excited)
+        inverse = plant.inverse(self.omega)
+        by_plant = np.abs(self.motion) * plant.error(self.omega) * np.sqrt(plant.sharing(self.omega, known))
+        by_encoder = self.motion_deviation * np.abs(inverse) + self.force_deviation
+        deviation = np.hypot(by_plant + by_encoder, law_error * self.scale)
+        return _Look(errors, law_error, self.thrust - force - self.motion * inverse, deviation, self.scale, known)
+
+    def slopes(self, place: _Look) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return gradient and curvature of the cost at a place, shape (p,) and (p, p)."""
+        sides = [
+            [self.look(place.errors + side * STEP * row, place.law_error, place.known).lacking for side in (1.0, -1.0)]
+            for row in np.eye(place.errors.size)
+        ]
+        slope = np.stack([(above - below) / (2 * STEP) for above, below in sides], axis=1)
+        weight = 2 * place.weight / place.deviation**2
+        counts = weight > 0
+        slope, weight = slope[counts], weight[counts]
+        gradient = np.real(slope.conj().T @ (weight * place.lacking[counts])) + place.errors
+        curvature = np.real(slope.conj().T @ (weight[:, None] * slope)) + np.eye(place.errors.size)
+        return gradient, curvature
+
+
+def harmonic_lines(segment: Segment) -> NDArray[np.int64]:
+    """Return the excited line of a sine and its multiples below the Nyquist frequency, shape (orders,)."""
+    line = int(segment.lines[0])
+    return line * np.arange(1, max(min(MAX_ORDER, (segment.samples - 1) // (2 * line)), 1) + 1)
+
+
+def _is_sine(segment: Segment) -> bool:
+    return segment.lines.size == 1 and segment.periodic and not segment.stated and not is_from_rest(segment)
+
+
+def _examined_orders(segment: Segment, highest: float) -> NDArray[np.int64]:
+    """Return the orders of the harmonics up to the highest frequency [Hz]; none of a motion that has not settled."""
+    if segment.settling is not None and not segment.settling.settled:
+        return np.empty(0, dtype=np.int64)
+    count = min(harmonic_lines(segment).size, int(highest / segment.frequency[0] * (1 + 1e-9)))
+    return np.arange(2, count + 1)
+
+
+def _rounded_alike(record: SineRecord) -> NDArray[np.int64]:
+    """Return of each segment how many move as far but for a step of the encoder: they share their rounding error."""
+    sizes = np.array([np.ptp(segment.channels[record.estimator.output]) for segment in record.segments]) / 2
+    return np.asarray(np.sum(np.abs(sizes[:, None] - sizes) <= record.encoder.resolution, axis=1))
+
+
+def _measured(
+    record: SineRecord, segment: Segment, orders: NDArray[np.int64], alike: int
+) -> tuple[NDArray[np.float64], NDArray[np.complex128], NDArray[np.complex128], NDArray[np.float64]]:
+    """Return frequency [rad/s], motion [m], thrust [N] and the deviation of the motion [m] at harmonics, (k,) each."""
+    estimator, lines = record.estimator, orders * int(segment.lines[0])
+    omega = line_omega(segment, lines)
+    path = estimator.input_path(omega, segment.sample_time) * estimator.output_path(omega)
+    thrust = path * record_terms(segment, estimator.input, lines)
+    deviation = np.full(lines.size, _term_deviation(segment, estimator.output, record.encoder, alike))
+    return omega, record_terms(segment, estimator.output, lines), thrust, deviation
+
+
+def line_omega(segment: Segment, lines: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the frequencies of lines of a period [rad/s], shape (k,)."""
+    return np.asarray(2 * np.pi / (segment.samples * segment.sample_time) * lines, dtype=float)
+
+
+def record_terms(segment: Segment, channel: str, lines: NDArray[np.int64]) -> NDArray[np.complex128]:
+    """Return the Fourier terms of a channel at lines of a period, shape (k,)."""
+    periods = segment.channels[channel]
+    return record_spectrum(segment, channel)[lines * len(periods)] * (2 / periods.size)
+
+
+def _term_deviation(segment: Segment, channel: str, encoder: Encoder, alike: int) -> float:
+    """Return the standard deviation of a term of y' [m]: of the stated encoder, or as the record shows it if greater.
+
+    Between the terms of a periodic motion is noise alone; of a single period the upper half of the terms is mostly so.
+    """
+    y = segment.channels[channel]
+    rounding = alike * phasor_variance(segment, encoder._replace(noise=0.0), channel)[0]
+    stated = rounding + 4 * encoder.noise**2 / y.size
+    terms = record_spectrum(segment, channel)
+    noise = terms[terms.size // 2 :] if len(y) == 1 else terms[np.arange(terms.size) % len(y) != 0]
+    shown = (noise.real**2 + noise.imag**2).mean() * (2 / y.size) ** 2
+    return float(np.sqrt(max(stated, shown)))

@@ -1,0 +1,124 @@
+"""The response of an estimator whose friction model is uncertain: moved to the errors that harmonics show, with a band.
+
+The error law 1/P̂ - 1/P = N - N̂ is linear in the model's force, so that all of this happens in 1/P̂.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import Estimator, FrictionModel, Metric, Result, Signals
+from fraexp_plugins.estimators._shared.delayed_estimator import LoopDelays
+from fraexp_plugins.estimators._shared.friction_posterior import (
+    FrictionPosterior,
+    SineRecord,
+    Stiffness,
+    friction_posterior,
+)
+from fraexp_plugins.estimators._shared.model_covariance import outer_parts, with_inverse
+
+SCALES = ("force_scale", "displacement_scale")
+PRIOR_STD = 0.1
+"""Relative standard deviation of force and deflections of a friction model about which nothing is stated: the size that
+the paper varies (Figs 12, 14 and 15) and calls unavoidable in practice."""
+UNSTATED = "if it is not given 0.1, and 0 where the model is the simulated machine's own"
+MIN_FACTOR = 0.1
+"""Factor of a scale by its error, at least."""
+REACH = 2.0
+"""Half width of central differences of 1/P̂, in standard deviations: about as far as the edge of the confidence band."""
+NORMAL_95 = 1.959964
+"""Half width of a 95 % interval in standard deviations."""
+
+Sizes = NDArray[np.float64]
+"""Errors in their standard deviations, shape (p,)."""
+
+
+class ModelErrors(NamedTuple):
+    """What is uncertain of the models of an estimator: scales first, then other errors."""
+
+    scales: Mapping[str, tuple[float, float]]
+    """Value and relative standard deviation of each uncertain scale, by its name."""
+    others: int
+    """Number of the other errors."""
+    force_terms: Callable[[Sizes], Sequence[NDArray[np.complex128]]]
+    """See `friction_posterior.ForceTerms`."""
+    inverse_with: Callable[[Sizes], NDArray[np.complex128]]
+    """Returns 1/P̂ of models with such errors, shape (n,)."""
+    stiffness: Stiffness
+
+    @property
+    def size(self) -> int:
+        """How many errors there are."""
+        return len(self.scales) + self.others
+
+    def metrics(self, posterior: FrictionPosterior) -> tuple[Metric, ...]:
+        """Return the scales as the harmonics show them, with 95 % intervals; none if they show nothing."""
+        deviations = np.sqrt(np.sum(posterior.root**2, axis=1))
+        found = []
+        for (name, (value, std)), mean, size in zip(
+            self.scales.items(), posterior.mean.tolist(), deviations.tolist(), strict=False
+        ):
+            found.append(Metric(f"{name} by harmonics", value * max(1 + std * mean, MIN_FACTOR), "1"))
+            found.append(Metric(f"{name} by harmonics, 95 %", NORMAL_95 * value * std * size, "1"))
+        return tuple(found) if posterior.harmonics else ()
+
+
+def knows_machine(estimator: Estimator, friction: object, signals: Signals) -> bool:
+    """Return whether an estimator has the friction model, dead times and lags of the simulated machine, unscaled."""
+    if signals.verification is None or any(getattr(estimator, scale, 1.0) != 1 for scale in SCALES):
+        return False
+    own = {"friction": friction, **{name: getattr(estimator, name) for name in LoopDelays._fields}}
+    machine = signals.verification.machine
+    return all(_plain(own[name]) == _plain(value) for name, value in machine.items() if name in own)
+
+
+def _plain(value: object) -> object:
+    """Return friction models, alone or by the names of contacts, as data that can be compared."""
+    if isinstance(value, Mapping):
+        return {name: _plain(model) for name, model in value.items()}
+    return value.spec() if isinstance(value, FrictionModel) else value
+
+
+def prior_std(stated: float | None, model: FrictionModel, *, is_known: bool) -> float:
+    """Return the relative standard deviation of a scale of a friction model."""
+    unstated = 0.0 if is_known else PRIOR_STD
+    return (unstated if stated is None else stated) if model.state_size else 0.0
+
+
+def scale_factors(stds: Sequence[float], sizes: Sizes) -> list[float]:
+    """Return the factors of scales with these relative standard deviations and errors."""
+    return [max(1 + std * size, MIN_FACTOR) for std, size in zip(stds, sizes.tolist(), strict=False)]
+
+
+def with_model_errors(
+    found: Result, record: SineRecord | None, errors: ModelErrors | None, *, corrects: bool = True
+) -> Result:
+    """Return a result with the errors of its models in the band, and moved by those that its harmonics show.
+
+    Nothing is uncertain without `errors`; without a record the prior stands. If it is not to correct the response, the
+    band contains what is known to be wrong of it.
+    """
+    if found.response is None or errors is None:
+        return found
+    none, posterior = np.zeros(errors.size), FrictionPosterior.prior(errors.size)
+    if record is not None:
+        posterior = friction_posterior(record, errors.force_terms, errors.stiffness, errors.size)
+    covariance = np.zeros((found.response.frequency.size, 2, 2))
+    for column in posterior.root.T:
+        sides = [errors.inverse_with(posterior.mean + side * REACH * column) for side in (1.0, -1.0)]
+        covariance += outer_parts((sides[0] - sides[1]) / (2 * REACH))
+    change = np.zeros(len(covariance), dtype=complex)
+    if posterior.harmonics:
+        change = errors.inverse_with(posterior.mean) - errors.inverse_with(none)
+        force = np.abs([terms[0] for terms in errors.force_terms(posterior.mean)])
+        with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+            covariance += ((posterior.law_error * force / found.response.output_amplitude) ** 2 / 2)[
+                :, None, None
+            ] * np.eye(2)
+    if not corrects:
+        covariance, change = covariance + outer_parts(change), 0 * change
+    metrics = (*found.metrics, *errors.metrics(posterior))
+    return replace(found, response=with_inverse(found.response, change, covariance), metrics=metrics)

@@ -1,0 +1,105 @@
+"""A friction model that may be wrong: harmonics tell how wrong it is, the band holds the plant, and no ok is wrong."""
+
+import numpy as np
+import pytest
+from fraexp_plugins.estimators.effective_input import EffectiveInput
+
+from fraexp.analysis.confidence import confidence_limits
+from fraexp.analysis.verdict import Accuracy
+from fraexp.data.results import Outcome
+from tests.examples import thorough
+from tests.machines import TABLE, decibel, guide, simulated
+
+DELAYS = {"input_dead_time": 1e-3}
+FREQUENCIES = tuple(np.geomspace(2.0, 100.0, 24))
+WRONG = ({"force_scale": 1.05}, {"force_scale": 0.95}, {"displacement_scale": 1.05}, {"friction": guide(18.8)})
+
+
+@pytest.fixture(scope="module")
+def signals():
+    """Return a record at 12 N by an encoder of 0.1 µm."""
+    return simulated(guide(), FREQUENCIES, 12.0, resolution=1e-7, tolerance=1e-4)
+
+
+def estimated(signals, **changes):
+    given = {"friction": guide(), "resolution": 1e-7, "oversampling": 8, **DELAYS, **changes}
+    return EffectiveInput(**given).estimate(signals)
+
+
+def errors(found):
+    """Return the errors of a response [dB], and where its band holds the plant."""
+    response = found.response
+    ratio = TABLE.response(2 * np.pi * response.frequency) / response.response
+    low, high = confidence_limits(response).magnitude
+    return np.abs(decibel(ratio)), (np.abs(ratio) >= low - 1e-3) & (np.abs(ratio) <= high + 1e-3)
+
+
+@pytest.mark.parametrize("changes", WRONG)
+def test_a_model_five_percent_wrong_is_corrected_by_the_harmonics(signals, changes):
+    """As it stands it is 10 dB and more off at 2 Hz."""
+    found = estimated(signals, **changes)
+    error, holds = errors(found)
+    assert error.max() < 3
+    assert holds.mean() > 0.9
+    metrics = {metric.name: metric.value for metric in found.metrics}
+    assert metrics["force_scale by harmonics"] * changes.get("friction", guide()).force_bound == pytest.approx(
+        guide().force_bound, abs=2 * metrics["force_scale by harmonics, 95 %"] * guide().force_bound
+    )
+
+
+@pytest.mark.parametrize("changes", WRONG)
+def test_a_model_that_is_taken_as_it_stands_has_a_band_to_the_plant(signals, changes):
+    found = estimated(signals, corrects_friction=False, **changes)
+    error, holds = errors(found)
+    assert error.max() > 10
+    assert holds.mean() > 0.9
+    assert found.outcome is Outcome.INACCURATE
+
+
+def test_a_wrong_model_that_is_stated_as_certain_is_not_ok(signals):
+    found = estimated(signals, force_scale=1.05, force_std=0.0, displacement_std=0.0)
+    assert found.outcome is Outcome.INACCURATE
+    assert "by the friction model" in found.message
+
+
+def test_the_own_model_of_a_simulated_machine_is_certain(signals):
+    assert estimated(signals).response.model_covariance is None
+
+
+def test_a_wrong_delay_is_not_ok(signals):
+    """A sample of dead time too little turns the input at the harmonics, and the plant at the fundamentals less."""
+    found = estimated(signals, input_dead_time=0.0)
+    assert "or the delays" in found.message
+
+
+@pytest.mark.parametrize("spacing", [1.6, 3.0])
+def test_frequencies_far_apart_leave_the_prior(spacing):
+    """Between them may be a mode: what the harmonics should do is unknown."""
+    sparse = tuple(2.0 * spacing ** np.arange(int(np.log(50) / np.log(spacing))))
+    record = simulated(guide(), sparse, 40.0, tolerance=1e-4)
+    found = estimated(record, resolution=0.0, force_scale=1.05)
+    assert not any("by harmonics" in metric.name for metric in found.metrics)
+    assert found.outcome is Outcome.INACCURATE
+    assert errors(found)[1].all()
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.05])
+def test_a_mode_between_two_frequencies_does_not_mislead(scale):
+    """At 75 Hz, below the mode at 80 Hz, the plant between 63 and 84 Hz is far from any interpolation."""
+    record = simulated(guide(), tuple(np.geomspace(2.0, 150.0, 16)), 12.0, resolution=1e-7, tolerance=1e-4)
+    found = estimated(record, force_scale=scale, force_std=0.1)
+    assert errors(found)[1].mean() > 0.9
+
+
+@pytest.mark.parametrize("scale", [1.05, thorough(1.2), thorough(0.85)])
+@pytest.mark.parametrize(
+    ("amplitude", "low", "high", "points"),
+    [(12.0, 5, 50, 8), (12.0, 1, 10, 5), (40.0, 1, 10, 5), *(thorough(a, 1, 200, 30) for a in (3.0, 5.0, 7.0))],
+)
+def test_no_ok_is_wrong(scale, amplitude, low, high, points):
+    """Whatever the harmonics can tell, the band holds the plant, and where it is narrow the plant is there."""
+    record = simulated(guide(), tuple(np.geomspace(low, high, points)), amplitude, resolution=1e-7, tolerance=1e-4)
+    found = estimated(record, force_scale=scale)
+    error, holds = errors(found)
+    assert holds.mean() > 0.85
+    assert found.outcome is Outcome.INACCURATE or error.max() < 2 * Accuracy().magnitude
