@@ -71,8 +71,8 @@ class ObserverEstimator(DelayedEstimator, ABC):
         """Check that deflections are not scaled where the position matters."""
         is_positioned = isinstance(self.friction, PositionDependentFriction)
         for key, expected in (("displacement_scale", 1.0), ("displacement_std", 0.0)):
-            found = getattr(self, key, expected)
-            if is_positioned and found != expected:
+            found = getattr(self, key, None)
+            if is_positioned and found not in (None, expected):
                 raise ParameterError(
                     f"{self.name}.{key} is {found:g}, which would scale the friction model's position_dependence too; "
                     f"expected {expected:g}: change the model's own parameters, or state deviations of those"
