@@ -3,10 +3,10 @@
     python benchmarks/wrong_friction.py                    the paper's machine, and 500 sweeps of drawn machines
     python benchmarks/wrong_friction.py drawn --sweeps 40  drawn sweeps alone
 
-On the paper's machine, with an encoder of 0.1 µm, no point may be ok that is off by more than 1 dB. Drawn sweeps have all
-laws, also with few elements, amplitudes of 0.2 to 5 times the friction force, 3 to 60 frequencies in any range, encoders
-of 0 to 1 µm, noise and periods, and models whose force and deflections are off as their prior says. A point is *wrong*
-if it is ok, off by more than twice the accuracy, and outside of its 99.9 % band.
+On the paper's machine, with an encoder of 0.1 µm, no point may be ok that is off by more than 1 dB. Drawn sweeps have
+all laws, also with few elements, amplitudes of 0.2 to 5 times the friction force, 3 to 60 frequencies in any range,
+encoders of 0 to 1 µm, noise and periods, and models whose force and deflections are off as their prior says. A point is
+*wrong* if it is ok, off by more than twice the accuracy, and outside of its 99.9 % band.
 """
 
 from typing import Any, NamedTuple

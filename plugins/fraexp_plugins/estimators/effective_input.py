@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    Curve,
     Encoder,
     Estimator,
     FrequencyResponse,
@@ -83,7 +84,7 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
 
     The errors of the friction model give the covariance of 1/P̂ by the error law, with central differences of N̂ along
     each column of a square root of their covariance, over two standard deviations on either side. The confidence band
-    includes friction.
+    includes friction. The curve `friction sensitivity` says what 1 % of friction costs over frequency.
 
     Noise and rounding of the encoder act on P̂ through the friction model too: they move its reversals, and hide terms
     of the motion in all periods alike. Where noise or resolution is stated and the record has several periods, 32
@@ -165,7 +166,23 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
             observer, signals = observer.model_copy(update={"relative_degree": 0}), replace(signals, segments=moved)
             forces = observer._forces(signals.segments)
             found = observer._estimate_along(signals, forces)
-        return observer._completed(signals, found, self.relative_degree)
+        found = observer._completed(signals, found, self.relative_degree)
+        return replace(found, curves=(*found.curves, *observer._sensitivity(signals, forces, found)))
+
+    def _sensitivity(self, signals: Signals, forces: Sequence[NDArray[np.float64]], found: Result) -> tuple[Curve, ...]:
+        """Return |N̂ P̂|, the friction force over û_e, and by how much a model 1 % too weak lowers the response.
+
+        An error e of the force makes P̂ = P/(1 + e N P).
+        """
+        if found.response is None or self.method or not self.friction.state_size:
+            return ()
+        force = np.abs(np.concatenate([each.mean(axis=0) for each in self.friction_phasors(signals.segments, forces)]))
+        with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+            ratio = force / found.response.input_amplitude
+            cost = 20 * np.log10(1 + ratio / 100)
+        names = ("frequency", "|N P|", "1 % of friction")
+        columns = dict(zip(names, (found.response.frequency, ratio, cost), strict=True))
+        return (Curve("friction sensitivity", columns, dict(zip(names, ("Hz", "1", "dB"), strict=True))),)
 
     def _images_that_matter(self, signals: Signals, found: Result) -> HoldImages | None:
         """Return the images of the hold in the sampled position, if they are more than the tolerance."""
