@@ -195,7 +195,7 @@ def test_decisions_have_their_parts_and_are_listed() -> None:
 
 
 def test_studies_share_sweeps_as_the_page_on_concepts_says(tmp_path: Path) -> None:
-    first, second = WorkspaceService.open(tmp_path).studies(["paper/fig12", "paper/fig14"])
+    first, second = WorkspaceService.open(tmp_path).studies(["paper/fig14", "paper/fig15"])
     assert {sweep.key for sweep in first.sweeps} & {sweep.key for sweep in second.sweeps}
 
 
