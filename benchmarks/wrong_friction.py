@@ -1,12 +1,8 @@
 """Count how often the band of the proposed method holds the plant if its friction model is wrong.
 
-    python benchmarks/wrong_friction.py                    the paper's machine, and 500 sweeps of drawn machines
-    python benchmarks/wrong_friction.py drawn --sweeps 40  drawn sweeps alone
-
-On the paper's machine, with an encoder of 0.1 µm, no point may be ok that is off by more than 1 dB. Drawn sweeps have
-all laws, also with few elements, amplitudes of 0.2 to 5 times the friction force, 3 to 60 frequencies in any range,
-encoders of 0 to 1 µm, noise and periods, and models whose force and deflections are off as their prior says. A point is
-*wrong* if it is ok, off by more than twice the accuracy, and outside of its 99.9 % band.
+The paper's machine has an encoder of 0.1 µm. Drawn sweeps have all laws, any amplitudes, frequencies and encoders, and
+models that are off as their prior says. A point is *wrong* if it is ok, off by more than twice the accuracy, and not in
+its 99.9 % band.
 """
 
 from dataclasses import replace
@@ -16,7 +12,7 @@ import numpy as np
 from drawn_machines import drawn_machine
 from friction_bands import within_limits
 from harness import Bench, run
-from paper_machine import PAPER, REGISTRY, decibel, machine_of, simulated
+from paper_machine import PAPER, REGISTRY, decibel, machine_of, response_of, simulated
 
 from fraexp.analysis.verdict import Accuracy, BandReach
 from fraexp.components.kinds import Estimator
@@ -33,11 +29,9 @@ SWEEPS = {
 }
 SCALES = (1.0, 1.05, 1.2)
 PRIOR_STD = 0.1
-"""Of force and deflections of a friction model."""
 HELD, OFF = 0.93, 0.05
 """Share of the points whose band holds the plant, at least; of those that are ok and off by more than the accuracy."""
-WIDER = 3.29 / 1.96
-"""A band of 99.9 % over one of 95 %."""
+WIDER = 3.29 / 1.96  # a band of 99.9 % over one of 95 %
 ACCURACY = Accuracy()
 
 
@@ -73,10 +67,8 @@ def estimated(machine: Machine, sections: dict[str, Any], signals: Signals, **sc
     paths = ("dead_time", "time_constants", "resolution", "noise")
     given = {key: value for key, value in sections["loop"].items() if key.endswith(paths)}
     own = {"name": "effective_input", "friction": sections["friction"], **given, **scales}
-    found = create(REGISTRY, Estimator, own).estimate(signals).response
-    if found is None:
-        raise SystemExit("no response")
-    return points_of(found, machine)
+    found = create(REGISTRY, Estimator, own).estimate(signals)
+    return points_of(response_of(found), machine)
 
 
 def paper(bench: Bench) -> None:
@@ -107,15 +99,14 @@ def drawn(bench: Bench) -> None:
         amplitude = machine.amplitude / machine.relative_amplitude * np.exp(random.uniform(np.log(0.2), np.log(5)))
         sine = {"name": "stepped_sine", "amplitude": amplitude, "frequencies": points}
         sine["recorded_periods"] = int(random.choice([1, 2, 8]))
-        force, width = (1 + PRIOR_STD * random.standard_normal(2)).tolist()
+        force, width = 1 + PRIOR_STD * random.standard_normal(2)
         built = machine_of(sections, sections["numerics"])
-        signals = simulated(built, sine)
-        found.append(estimated(built, sections, signals, force_scale=force, displacement_scale=width))
+        signals, scales = simulated(built, sine), {"force_scale": float(force), "displacement_scale": float(width)}
+        found.append(estimated(built, sections, signals, **scales))
     every = Points(*(np.concatenate(column) for column in zip(*found, strict=True)))
     scatter = np.std([each.is_held.mean() for each in found if each.is_held.size]) / np.sqrt(len(found))
     held, off = every.is_held.mean(), every.is_off[every.is_ok].mean() if every.is_ok.any() else 0.0
-    text = f"{held:.1%} ± {2 * scatter:.1%} of {every.is_held.size}"
-    bench.row("points whose band holds the plant", text, held >= HELD)
+    bench.row("points whose band holds the plant", f"{held:.1%} ± {2 * scatter:.1%}", held >= HELD)
     bench.row("of points that are ok, off by more than the accuracy", f"{off:.1%} of {every.is_ok.sum()}", off <= OFF)
     bench.row("points that are ok and wrong", f"{every.is_wrong.sum()}", not every.is_wrong.any())
 

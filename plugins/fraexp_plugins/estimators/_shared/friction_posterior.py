@@ -23,9 +23,9 @@ from fraexp_plugins.estimators._shared.plant_curve import PlantCurve
 
 MAX_ORDER = 25
 """Highest harmonic that is examined: those of dry friction fall with the order, and hide in the encoder's noise."""
-LAW_ERRORS = (0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
+LAW_ERRORS = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
 """Errors of the law itself, over its force at a harmonic, one of which is the most probable. They are tried in this
-order: of a law that may be off by 10 % all harmonics point to the right model, wherever one begins. The least is the
+order: of a law that may be off by 100 % all harmonics point to the right model, wherever one begins. The least is the
 interpolation of the motion."""
 LEAST_SHARE = 1e-3
 """Least force at a harmonic, over that of dry friction there: even ones have hardly any, and tell nothing of a law."""
@@ -35,6 +35,8 @@ STEP = 0.25
 """Half width of central differences, in prior standard deviations."""
 STEP_PARTS = (1.0, 0.5, 0.25, 0.1)
 """Parts of a step of the search that are tried."""
+STARTS = 12
+"""Errors drawn from the prior, at the most probable of which the search begins: it is not unimodal."""
 MAX_STEPS, SMALL_STEP = 4, 0.01
 """Steps with one tolerance, and the last one's size in prior standard deviations."""
 
@@ -125,13 +127,22 @@ def friction_posterior(
     prior = FrictionPosterior.prior(count)
     if not record.has_harmonics:
         return prior
-    harmonics, errors = _Harmonics(record, force_terms, stiffness, count), prior.mean
+    harmonics = _Harmonics(record, force_terms, stiffness, count)
+    errors = _nearest_start(harmonics, count)
     for law_error in LAW_ERRORS:
         known = harmonics.known(errors)
         errors = _most_probable(harmonics, errors, law_error, known).errors
     known = harmonics.known(errors)
     found = min((harmonics.look(errors, each, known) for each in LAW_ERRORS), key=lambda look: look.cost)
     return _posterior(harmonics, _most_probable(harmonics, errors, found.law_error, known))
+
+
+def _nearest_start(harmonics: "_Harmonics", count: int) -> NDArray[np.float64]:
+    """Return the most probable ones of the stated model and of errors drawn from the prior, if the law may be off."""
+    drawn = np.random.default_rng(STARTS).standard_normal((STARTS, count)) if count else np.empty((0, 0))
+    close = harmonics.close
+    looks = [harmonics.look(errors, LAW_ERRORS[0], close) for errors in (np.zeros(count), *drawn)]
+    return min(looks, key=lambda look: look.cost).errors
 
 
 def _most_probable(
@@ -151,12 +162,16 @@ def _most_probable(
 
 
 def _posterior(harmonics: "_Harmonics", found: _Look) -> FrictionPosterior:
-    """Return the posterior around its maximum."""
-    telling = round(found.weight.sum())
+    """Return the posterior around its maximum; harmonics that scatter more than they should tell less."""
+    telling, count = round(found.weight.sum()), found.errors.size
     law_error = found.law_error if telling else 0.0
-    if not found.errors.size:
+    if not count:
         return FrictionPosterior(found.errors, np.empty((0, 0)), law_error, telling)
-    values, vectors = np.linalg.eigh(np.linalg.inv(harmonics.slopes(found)[1]))
+    slope = harmonics.slope(found)
+    information = found.weight * np.sum(np.abs(slope) ** 2, axis=1) / found.deviation**2
+    excess = np.sum(information * found.size**2) / max(np.sum(information), 1e-300)
+    evidence = harmonics.slopes(found)[1] - np.eye(count)
+    values, vectors = np.linalg.eigh(np.linalg.inv(evidence / max(excess, 1.0) + np.eye(count)))
     return FrictionPosterior(found.errors, vectors * np.sqrt(values), law_error, telling)
 
 
@@ -194,6 +209,13 @@ class _Harmonics:
             radius = relative_radius(found) / np.abs(found.response)
         return PlantCurve.of(2 * np.pi * found.frequency[settled], inverse[settled], radius[settled])
 
+    @property
+    def close(self) -> NDArray[np.bool_]:
+        """Which harmonics lie between close frequencies."""
+        plant = self._plant(self.stated)
+        nothing = np.zeros(self.omega.size, dtype=bool)
+        return plant.is_close(self.omega) if plant.has_close_frequencies else nothing
+
     def known(self, errors: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return at which harmonics the plant is known that follows from such errors."""
         plant = self._plant(self._forces(errors)[0])
@@ -212,16 +234,19 @@ class _Harmonics:
         deviation = np.hypot(by_plant + by_encoder, law_error * self.scale)
         return _Look(errors, law_error, self.thrust - force - self.motion * inverse, deviation, self.scale, known)
 
+    def slope(self, place: _Look) -> NDArray[np.complex128]:
+        """Return the derivative of what lacks by the errors [N], shape (n, p)."""
+        steps = STEP * np.eye(place.errors.size)
+        sides = [
+            [self.look(place.errors + side * step, place.law_error, place.known).lacking for side in (1.0, -1.0)]
+            for step in steps
+        ]
+        return np.stack([(above - below) / (2 * STEP) for above, below in sides], axis=1)
+
     def slopes(self, place: _Look) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return gradient and curvature of the cost at a place, shape (p,) and (p, p)."""
-        sides = [
-            [self.look(place.errors + side * STEP * row, place.law_error, place.known).lacking for side in (1.0, -1.0)]
-            for row in np.eye(place.errors.size)
-        ]
-        slope = np.stack([(above - below) / (2 * STEP) for above, below in sides], axis=1)
-        weight = 2 * place.weight / place.deviation**2
-        counts = weight > 0
-        slope, weight = slope[counts], weight[counts]
+        counts = place.weight > 0
+        slope, weight = self.slope(place)[counts], (2 * place.weight / place.deviation**2)[counts]
         gradient = np.real(slope.conj().T @ (weight * place.lacking[counts])) + place.errors
         curvature = np.real(slope.conj().T @ (weight[:, None] * slope)) + np.eye(place.errors.size)
         return gradient, curvature

@@ -34,20 +34,24 @@ class PlantCurve(NamedTuple):
         """Whether the plant is known between any two frequencies, with others beside them."""
         return self.place.size > 2 and float(np.diff(self.place).min()) <= np.log(MAX_FREQUENCY_RATIO)
 
-    def is_known(self, omega: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return whether frequencies [rad/s] lie between two that are close to each other, without a mode, shape (k,).
-
-        An antiresonance between two frequencies bends the curve at both.
-        """
+    def is_close(self, omega: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return whether frequencies [rad/s] lie between two that are close to each other, shape (k,)."""
         place = np.log(omega)
         inside = (place >= self.place[0]) & (place <= self.place[-1])
         left, right = self._ends(omega)
-        is_close = self.place[right] - self.place[left] <= np.log(MAX_FREQUENCY_RATIO)
+        return np.asarray(inside & (self.place[right] - self.place[left] <= np.log(MAX_FREQUENCY_RATIO)))
+
+    def is_known(self, omega: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return whether frequencies [rad/s] lie between two that are close, without a mode between them, shape (k,).
+
+        An antiresonance between two frequencies bends the curve at both.
+        """
+        left, right = self._ends(omega)
         share = (self.place[1:-1] - self.place[:-2]) / (self.place[2:] - self.place[:-2])
         bend = np.abs(self.value[1:-1] - (1 - share) * self.value[:-2] - share * self.value[2:])
         greatest = np.abs(np.stack([self.value[1:-1], self.value[:-2], self.value[2:]])).max(axis=0)
         is_smooth = np.concatenate([[True], bend <= MAX_BEND * greatest, [True]])
-        return np.asarray(inside & is_close & is_smooth[left] & is_smooth[right])
+        return np.asarray(self.is_close(omega) & is_smooth[left] & is_smooth[right])
 
     def sharing(self, omega: NDArray[np.float64], counts: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return how many of the frequencies that count lie between the same two, and share their error, shape (k,)."""
