@@ -114,6 +114,11 @@ def _noise_limits(response: FrequencyResponse) -> ConfidenceLimits:
     )
 
 
+def _inverse(response: FrequencyResponse) -> NDArray[np.complex128]:
+    """Return 1/Ĝ, shape (n,); NaN where nothing moves."""
+    return np.asarray(1 / np.where(response.response == 0, np.nan, response.response))
+
+
 def inverse_covariance(response: FrequencyResponse) -> InverseCovariance:
     """Return the covariance of 1/Ĝ by noise and friction model, with its degrees of freedom.
 
@@ -121,7 +126,7 @@ def inverse_covariance(response: FrequencyResponse) -> InverseCovariance:
     as none where the friction model's part is known.
     """
     model = np.zeros_like(response.covariance) if response.model_covariance is None else response.model_covariance
-    slope = -1 / response.response**2  # of 1/G, which as a matrix acts on (real, imaginary) parts
+    slope = -(_inverse(response) ** 2)  # of 1/G, which as a matrix acts on (real, imaginary) parts
     jacobian = np.moveaxis(np.array([[slope.real, -slope.imag], [slope.imag, slope.real]]), -1, 0)
     noise = jacobian @ response.covariance @ np.swapaxes(jacobian, 1, 2)
     noise = np.where(np.isfinite(noise), noise, 0.0)
@@ -133,7 +138,7 @@ def inverse_covariance(response: FrequencyResponse) -> InverseCovariance:
 
 def _inverse_limits(response: FrequencyResponse) -> ConfidenceLimits:
     """Return the limits of Ĝ from the ellipse of 1/Ĝ."""
-    inverse, (covariance, freedom) = 1 / response.response, inverse_covariance(response)
+    inverse, (covariance, freedom) = _inverse(response), inverse_covariance(response)
     values, vectors = np.linalg.eigh(np.where(np.isfinite(covariance), covariance, 0.0))
     angle = np.linspace(0, 2 * np.pi, ELLIPSE_POINTS, endpoint=False)
     circle = np.stack([np.cos(angle), np.sin(angle)])

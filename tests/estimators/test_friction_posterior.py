@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from fraexp_plugins.estimators.effective_input import EffectiveInput
+from fraexp_plugins.friction.dahl import Dahl
 
 from fraexp.analysis.confidence import confidence_limits
-from fraexp.analysis.verdict import Accuracy
+from fraexp.analysis.verdict import Accuracy, BandReach
 from fraexp.data.results import Outcome
 from tests.examples import thorough
 from tests.machines import TABLE, decibel, guide, simulated
@@ -103,3 +104,16 @@ def test_no_ok_is_wrong(scale, amplitude, low, high, points):
     error, holds = errors(found)
     assert holds.mean() > 0.85
     assert found.outcome is Outcome.INACCURATE or error.max() < 2 * Accuracy().magnitude
+
+
+@pytest.mark.parametrize("resolution", [0.0, thorough(1e-8)])
+def test_a_law_of_another_kind_is_an_error_of_the_law(resolution):
+    """Even harmonics, of which neither law has any, must not speak for it."""
+    machine = Dahl(stiffness=4e5, coulomb_force=17.9, viscous_coefficient=4.69)
+    record = simulated(machine, tuple(np.geomspace(1.0, 200.0, 40)), 30.0, resolution=resolution, tolerance=1e-4)
+    found = estimated(record, resolution=resolution)
+    error, holds = errors(found)
+    is_ok = BandReach.of(found.response).is_within(Accuracy())
+    assert holds.mean() > 0.9
+    assert error[is_ok].max(initial=0.0) < Accuracy().magnitude
+    assert found.outcome is Outcome.INACCURATE

@@ -105,8 +105,11 @@ class _Compensation(NamedTuple):
 
     def force_terms(self) -> list[NDArray[np.complex128]]:
         """Return the terms of all friction as thrust [N] in each segment, at the excited line and its multiples."""
-        numbers = range(len(self.signals.segments))
-        return [np.add.reduce([contact.terms(number) for contact in self.contacts]) for number in numbers]
+        none = [np.zeros(harmonic_lines(segment).size, dtype=complex) for segment in self.signals.segments]
+        return [
+            np.add.reduce([nothing, *(contact.terms(number) for contact in self.contacts)])
+            for number, nothing in enumerate(none)
+        ]
 
 
 class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective_input", version=4):

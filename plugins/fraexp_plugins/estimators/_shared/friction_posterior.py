@@ -25,10 +25,10 @@ MAX_ORDER = 25
 """Highest harmonic that is examined: those of dry friction fall with the order, and hide in the encoder's noise."""
 LAW_ERRORS = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
 """Errors of the law itself, over its force at a harmonic, one of which is the most probable. They are tried in this
-order: of a law that may be off by 100 % all harmonics point to the right model, wherever one begins. The least is the
-interpolation of the motion."""
-LEAST_SHARE = 1e-3
-"""Least force at a harmonic, over that of dry friction there: even ones have hardly any, and tell nothing of a law."""
+order: of a law that may be off by 100 % all harmonics point to the right model, wherever one begins."""
+NUMERICS = 1e-4
+"""Error of the force at a harmonic by the interpolation of the motion, over that of dry friction there: even ones have
+hardly any force of their own."""
 ARBITRARY = 0.05
 """Probability of a harmonic that tells nothing, as one beside a mode between two frequencies: it may lack any force."""
 STEP = 0.25
@@ -193,7 +193,8 @@ class _Harmonics:
         self.output = np.array([phasors(segment, output)[:, 0].mean() for segment in record.segments])
         self.stated, force = self._forces(np.zeros(count))
         excited = [np.abs(each) / orders for each, orders in zip(self.stated, self.orders, strict=True)]
-        self.scale = np.hypot(np.abs(force), LEAST_SHARE * np.concatenate(excited))
+        self.force, self.numerics = np.abs(force), NUMERICS * np.concatenate(excited)
+        self.scale = np.hypot(self.force, 10 * self.numerics)
 
     def _forces(self, errors: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Return the terms of friction at the excited lines and at the harmonics [N]."""
@@ -231,7 +232,7 @@ class _Harmonics:
         inverse = plant.inverse(self.omega)
         by_plant = np.abs(self.motion) * plant.error(self.omega) * np.sqrt(plant.sharing(self.omega, known))
         by_encoder = self.motion_deviation * np.abs(inverse) + self.force_deviation
-        deviation = np.hypot(by_plant + by_encoder, law_error * self.scale)
+        deviation = np.sqrt((by_plant + by_encoder) ** 2 + (law_error * self.force) ** 2 + self.numerics**2)
         return _Look(errors, law_error, self.thrust - force - self.motion * inverse, deviation, self.scale, known)
 
     def slope(self, place: _Look) -> NDArray[np.complex128]:

@@ -25,8 +25,8 @@ MAX_ENCODER_ERROR = 0.1
 ACCURACY = Accuracy()
 FRICTION_PART = (
     "by the friction model, or the delays",
-    "identify friction (maximum_likelihood, plant_and_friction), state what is known of the model (force_std, "
-    "displacement_std), raise the amplitude, or measure more frequencies, whose harmonics tell how wrong it is",
+    "raise the amplitude, measure frequencies at most 1.5 times apart, whose harmonics tell how wrong the model is, or "
+    "identify friction and state how well it is known (deviations, force_std, displacement_std)",
 )
 ENCODER_PART = (
     "by rounding and noise of the encoder",

@@ -27,6 +27,8 @@ the paper varies (Figs 12, 14 and 15) and calls unavoidable in practice."""
 UNSTATED = "if it is not given 0.1, and 0 where the model is the simulated machine's own"
 MIN_FACTOR = 0.1
 """Factor of a scale by its error, at least."""
+MAX_DEVIATION = 0.5
+"""Posterior over prior standard deviation up to which a scale is reported: else it is hardly more than the prior."""
 REACH = 2.0
 """Half width of central differences of 1/P̂, in standard deviations: about as far as the edge of the confidence band."""
 NORMAL_95 = 1.959964
@@ -55,12 +57,14 @@ class ModelErrors(NamedTuple):
         return len(self.scales) + self.others
 
     def metrics(self, posterior: FrictionPosterior) -> tuple[Metric, ...]:
-        """Return the scales as the harmonics show them, with 95 % intervals; none if they show nothing."""
+        """Return the scales that the harmonics show, with 95 % intervals."""
         deviations = np.sqrt(np.sum(posterior.root**2, axis=1))
         found = []
         for (name, (value, std)), mean, size in zip(
             self.scales.items(), posterior.mean.tolist(), deviations.tolist(), strict=False
         ):
+            if size > MAX_DEVIATION:
+                continue
             found.append(Metric(f"{name} by harmonics", value * max(1 + std * mean, MIN_FACTOR), "1"))
             found.append(Metric(f"{name} by harmonics, 95 %", NORMAL_95 * value * std * size, "1"))
         return tuple(found) if posterior.harmonics else ()
