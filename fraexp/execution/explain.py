@@ -99,7 +99,14 @@ def _explain_new(new: list[Sweep], store: Store | None, study: str, registry: Re
     if again:
         why = f"not stored; the attempt of run {run.number} failed"
         yield Why(True, "failed", why, again, {sweep.key: broken[sweep.key] for sweep in again})
-    known = _StoredValues([of for of in stored if of.outcome is not None], registry)
+    usable = [of for of in stored if of.outcome is not None]
+    if not usable:
+        rest = [sweep for sweep in new if sweep.key not in broken]
+        yield from (
+            [Why(True, "new", f"not stored; run {run.number} has no result to compare with", rest)] if rest else []
+        )
+        return
+    known = _StoredValues(usable, registry)
     groups: dict[tuple[str, ...], list[tuple[Sweep, dict[str, Any]]]] = defaultdict(list)
     for sweep in new:
         if sweep.key not in broken:

@@ -169,7 +169,8 @@ def _label_columns(rows: Sequence[StoredSweep], units: Mapping[str, str]) -> lis
     for path, title in label_columns(labels).items():
         values = [of.get(path) for of in labels]
         right = all(isinstance(value, int | float | None) for value in values)
-        scaled, unit = scale_values(values, units.get(path, ""))
+        has_texts = any(isinstance(value, str) for value in values)  # such as 10 nm, which name their unit themselves
+        scaled, unit = scale_values(values, "" if has_texts else units.get(path, ""))
         cells = tuple(map(printable, label_texts(scaled)))
         named = not any(isinstance(value, str | Mapping) for value in values)
         heading = with_unit(title, f"[{unit}]" if unit else "")

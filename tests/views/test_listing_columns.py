@@ -53,6 +53,13 @@ def test_estimators_of_one_name_are_told_apart_by_what_differs():
     assert columns["estimator"] == ("local (order 1)", "local (order 2)")
 
 
+def test_a_number_with_its_unit_is_given_no_other():
+    rows = [listed(labels={"loop.noise": value}) for value in (0.0, "10 nm")]
+    column = next(of for of in listing_columns(rows, one_run=True, running={}) if of.title.startswith("noise"))
+    assert column.cells[1] == "10 nm"
+    assert column.unit == ""
+
+
 @pytest.mark.parametrize("width", [200, 120, 100, 76, 60, 40])
 def test_columns_fit_into_any_width_and_the_important_ones_stay(width):
     rows = [listed(labels={"a.name": "x" * 30, "b.c": 1.0, "d.e": 2, "f.g": "y" * 20}), listed()]
