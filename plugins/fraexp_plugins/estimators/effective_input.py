@@ -219,16 +219,10 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
             message = join_messages(found.message, weak_terms_text(response, weak))
             found = replace(found, response=response, message=message)
         hidden = self._hidden(signals)
-        assert found.response is not None
-        response, record = found.response, None
-        unseen = np.zeros(response.frequency.size)
-        if any(hidden):  # what standstill hides is no error of the model
-            error = self._standstill_error(signals, hidden, response)
-            unseen, found = np.abs(error / response.response), self._check_standstill(hidden, found, error)
-        else:
-            record = SineRecord(self, signals.segments, Encoder(self.noise, self.resolution), response)
-        errors = self._errors(signals)
-        return judge_band(with_model_errors(found, record, errors, unseen, corrects=self.corrects_friction))
+        found, record = self._check_standstill(signals, hidden, found), None
+        if found.response is not None and not any(hidden):  # what standstill hides is no error of the model
+            record = SineRecord(self, signals.segments, Encoder(self.noise, self.resolution), found.response)
+        return judge_band(with_model_errors(found, record, self._errors(signals), corrects=self.corrects_friction))
 
     def _errors(self, signals: Signals) -> ModelErrors | None:
         """Return what is uncertain of the friction model: its scales, and the columns of its deviations.
@@ -299,22 +293,18 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
         method = method.model_copy(update={key: value for key, value in given.items() if key in fields})
         return method.estimate(signals)
 
-    def _standstill_error(
-        self, signals: Signals, hidden: Sequence[HiddenForce | None], found: FrequencyResponse
-    ) -> NDArray[np.complex128]:
-        """Return how far what standstill hides moves the response, relative to it, shape (n,)."""
-        with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
-            error = self._response_with(signals, hidden, found) / found.response - 1
-        return np.where(np.isfinite(error), error, 0.0)
-
-    def _check_standstill(
-        self, hidden: Sequence[HiddenForce | None], found: Result, error: NDArray[np.complex128]
-    ) -> Result:
+    def _check_standstill(self, signals: Signals, hidden: Sequence[HiddenForce | None], found: Result) -> Result:
         """Return a result that is not ok where standstill hides friction, and that says how far it may be off."""
-        if found.response is None or np.abs(error).max() <= MAX_STANDSTILL_ERROR:
+        if found.response is None or not any(hidden):
+            return found
+        with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+            error = self._response_with(signals, hidden, found.response) / found.response.response - 1
+        error = np.where(np.isfinite(error), error, 0.0)
+        if np.abs(error).max() <= MAX_STANDSTILL_ERROR:
             return found
         share = max(each.share for each in hidden if each)
-        return with_doubt(found, standstill_text(found.response.frequency, error, share))
+        message = standstill_text(found.response.frequency, error, share)
+        return with_doubt(found, message)
 
     def _hidden(self, signals: Signals) -> list[HiddenForce | None]:
         return hidden_forces(self, signals.segments)

@@ -185,15 +185,12 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
         segments = compensation.signals.segments
         hidden = [hidden_forces(each.observer, segments) for each in compensation.contacts]
         errors = self._errors(signals, compensation)
-        assert found.response is not None
-        response, record = found.response, None
-        unseen = np.zeros(response.frequency.size)
+        record = None
         if any(map(any, hidden)):  # what it hides is no error of a model
-            found, error = _check_standstill(found, compensation, hidden)
-            unseen = error / np.abs(response.response)
-        else:
-            record = SineRecord(self, segments, Encoder(self.noise, self.resolution), response)
-        return judge_band(with_model_errors(found, record, errors, unseen))
+            found = _check_standstill(found, compensation, hidden)
+        elif found.response is not None:
+            record = SineRecord(self, segments, Encoder(self.noise, self.resolution), found.response)
+        return judge_band(with_model_errors(found, record, errors))
 
     def _errors(self, signals: Signals, compensation: _Compensation) -> ModelErrors:
         """Return what is uncertain of the friction models, contact by contact, and of the nominal plant."""
@@ -428,9 +425,10 @@ class MultiContactEffectiveInput(DelayedEstimator, name="multi_contact_effective
 
 def _check_standstill(
     found: Result, compensation: _Compensation, hidden: Sequence[Sequence[HiddenForce | None]]
-) -> tuple[Result, NDArray[np.float64]]:
-    """Return a result that is not ok where standstill hides friction, and how far it may be off, shape (n,)."""
-    assert found.response is not None
+) -> Result:
+    """Return a result that is not ok where standstill hides friction, and that says how far it may be off."""
+    if found.response is None:
+        return found
     segments, names, shares = compensation.signals.segments, [], [0.0]
     error = np.zeros(found.response.frequency.size)
     for contact, own in zip(compensation.contacts, hidden, strict=True):
@@ -442,7 +440,7 @@ def _check_standstill(
         error += np.concatenate(force) / found.response.input_amplitude
         names += [contact.observer.output.removeprefix(contact_channel(""))] if any(own) else []
         shares += [each.share for each in own if each]
-    return check_contact_standstill(found, error, names, max(shares)), np.nan_to_num(error, posinf=0.0)
+    return check_contact_standstill(found, error, names, max(shares))
 
 
 def _position_channels(ports: Ports) -> dict[str, str]:

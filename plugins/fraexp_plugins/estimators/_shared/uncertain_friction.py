@@ -98,37 +98,30 @@ def scale_factors(stds: Sequence[float], sizes: Sizes) -> list[float]:
 
 
 def with_model_errors(
-    found: Result,
-    record: SineRecord | None,
-    errors: ModelErrors | None,
-    unseen: NDArray[np.float64],
-    *,
-    corrects: bool = True,
+    found: Result, record: SineRecord | None, errors: ModelErrors | None, *, corrects: bool = True
 ) -> Result:
     """Return a result with the errors of its models in the band, and moved by those that its harmonics show.
 
-    Nothing is uncertain of the models without `errors`; without a record their prior stands. `unseen` is the standard
-    deviation of 1/P̂ [N/m] by friction that no motion shows, shape (n,). If the response is not to be corrected, the
+    Nothing is uncertain without `errors`; without a record the prior stands. If it is not to correct the response, the
     band contains what is known to be wrong of it.
     """
-    if found.response is None or (errors is None and not unseen.any()):
+    if found.response is None or errors is None:
         return found
-    covariance = (unseen**2 / 2)[:, None, None] * np.eye(2)
-    if errors is None:
-        return replace(found, response=with_inverse(found.response, np.zeros(unseen.size, dtype=complex), covariance))
     none, posterior = np.zeros(errors.size), FrictionPosterior.prior(errors.size)
     if record is not None:
         posterior = friction_posterior(record, errors.force_terms, errors.stiffness, errors.size)
+    covariance = np.zeros((found.response.frequency.size, 2, 2))
     for column in posterior.root.T:
         sides = [errors.inverse_with(posterior.mean + side * REACH * column) for side in (1.0, -1.0)]
-        covariance = covariance + outer_parts((sides[0] - sides[1]) / (2 * REACH))
+        covariance += outer_parts((sides[0] - sides[1]) / (2 * REACH))
     change = np.zeros(len(covariance), dtype=complex)
     if posterior.harmonics:
         change = errors.inverse_with(posterior.mean) - errors.inverse_with(none)
         force = np.abs([terms[0] for terms in errors.force_terms(posterior.mean)])
         with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
-            law = posterior.law_error * force / found.response.output_amplitude
-        covariance = covariance + (law**2 / 2)[:, None, None] * np.eye(2)
+            covariance += ((posterior.law_error * force / found.response.output_amplitude) ** 2 / 2)[
+                :, None, None
+            ] * np.eye(2)
     if not corrects:
         covariance, change = covariance + outer_parts(change), 0 * change
     metrics = (*found.metrics, *errors.metrics(posterior))
