@@ -28,7 +28,6 @@ SWEEPS = {
     "40 N, 5 points 1…10 Hz": (40.0, 1, 10, 5),
 }
 SCALES = (1.0, 1.05, 1.2)
-PRIOR_STD = 0.1
 HELD, OFF = 0.93, 0.05
 """Share of the points whose band holds the plant, at least; of those that are ok and off by more than the accuracy."""
 WIDER = 3.29 / 1.96  # a band of 99.9 % over one of 95 %
@@ -99,7 +98,7 @@ def drawn(bench: Bench) -> None:
         amplitude = machine.amplitude / machine.relative_amplitude * np.exp(random.uniform(np.log(0.2), np.log(5)))
         sine = {"name": "stepped_sine", "amplitude": amplitude, "frequencies": points}
         sine["recorded_periods"] = int(random.choice([1, 2, 8]))
-        force, width = 1 + PRIOR_STD * random.standard_normal(2)
+        force, width = 1 + 0.1 * random.standard_normal(2)
         built = machine_of(sections, sections["numerics"])
         signals, scales = simulated(built, sine), {"force_scale": float(force), "displacement_scale": float(width)}
         found.append(estimated(built, sections, signals, **scales))

@@ -63,7 +63,8 @@ def test_a_run_in_the_background_can_be_stopped(tmp_path, hard):
     wait_until(lambda: not _lives(started["pid"]))
     again = fraexp(tmp_path, "stop", "1")
     assert again.returncode == ExitCode.USAGE
-    assert again.stderr == "fraexp: run 1 is stopped; it cannot be stopped\n"
+    how = "process lost" if hard else "stopped"
+    assert again.stderr == f"fraexp: run 1 is {how}; it cannot be stopped\n"
 
 
 def _lives(group: int) -> bool:
