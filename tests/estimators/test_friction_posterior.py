@@ -63,10 +63,6 @@ def test_a_wrong_model_that_is_stated_as_certain_is_not_ok(signals):
     assert "by the friction model" in found.message
 
 
-def test_the_own_model_of_a_simulated_machine_is_certain(signals):
-    assert estimated(signals).response.model_covariance is None
-
-
 def test_a_wrong_delay_is_not_ok(signals):
     """A sample of dead time too little turns the input at the harmonics, and the plant at the fundamentals less."""
     found = estimated(signals, input_dead_time=0.0)
