@@ -37,7 +37,6 @@ def errors(found):
 
 @pytest.mark.parametrize("changes", WRONG)
 def test_a_model_five_percent_wrong_is_corrected_by_the_harmonics(signals, changes):
-    """As it stands it is 10 dB and more off at 2 Hz."""
     found = estimated(signals, **changes)
     error, holds = errors(found)
     assert error.max() < 3
