@@ -65,11 +65,11 @@ def _check_name(kind: str, name: str, registry: Registry) -> None:
         )
     if len(name) > MAX_NAME_LENGTH:
         raise PluginError(f"'{name}' is too long for a plugin's name; expected at most {MAX_NAME_LENGTH} letters")
+    if meaning := _other_meaning(name):
+        raise PluginError(f"'{name}' is {meaning}, which the plugin would hide; choose another name, such as my_{name}")
     if (kind, name) in registry.providers:
         where = registry.providers[kind, name].file
         raise PluginError(f"{kind} '{name}' already exists in {where}; choose another name")
-    if meaning := _other_meaning(name):
-        raise PluginError(f"'{name}' is {meaning}, which the plugin would hide; choose another name, such as my_{name}")
 
 
 def _other_meaning(name: str) -> str:
