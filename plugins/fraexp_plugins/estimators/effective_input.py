@@ -93,8 +93,8 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
     of the periods. Terms that noise hides, and motion above the Nyquist frequency, follow from the friction force and
     from the plant at its harmonics. If few of those are clear, and hidden terms matter more than the band is wide, a
     message says that it may cover less. A best linear approximation or another `method` has the band of that method.
-    For a record of one period motions are drawn that could have given it; nothing is taken off. An error that may
-    exceed 10 % is not ok.
+    For a record of one period motions are drawn that could have given it; nothing is taken off. A
+    frequency is ok if its whole band lies within 0.5 dB and 3°.
 
     The images of the held input are taken off the measured position where they falsify the response by more than the
     tolerance. Their size follows from the motion at harmonics, if noise or resolution is stated and enough of them are
