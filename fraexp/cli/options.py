@@ -115,6 +115,7 @@ RECORD_OPTIONS = (
         "--unit UNIT",
         "unit of a response that was measured elsewhere, such as mm/N: its channels are frequency, magnitude and "
         "phase, or real and imaginary",
+        dest="response_unit",
     ),
     _option("--input-amplitude VALUE", "amplitude of its input, such as '12 N'"),
     _option("--averages COUNT", "number of averages behind its coherence", type=int),

@@ -9,11 +9,16 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.cli.options import COMMANDS
+from fraexp.cli.options import COMMANDS, RECORD_OPTIONS
+from fraexp.records.record_settings import RecordSettings
 from tests.cli.conftest import Command
 from tests.waiting import HANG_TIMEOUT_S
 
 HEAVY = {"numpy", "pydantic", "sqlalchemy", "matplotlib", "numba", "scipy", "pint", "pluggy", "rich"}
+
+
+def test_an_option_of_import_is_a_key_of_a_record() -> None:
+    assert {option.key for option in RECORD_OPTIONS} <= set(RecordSettings.model_fields)
 
 
 @pytest.mark.parametrize(

@@ -72,7 +72,7 @@ def test_the_summary_names_the_worst_draws(workspace, stored, capsys):
     chosen, overshoot = column(stored, RIGHT, "overshoot")
     worst = chosen[int(np.argmax(overshoot))]
     lines = [line.split() for line in printed.partition("worst draw")[2].splitlines() if RIGHT in line]
-    assert lines[0][:2] == ["overshoot", "[m]"]
+    assert lines[0][:2] == ["overshoot", "[µm]"]
     assert lines[0][-2:] == [str(worst.labels["draw"]), worst.key[4:12]]
     assert f"{COUNT} values" in printed.partition("over the sweeps")[0], "draws are counted, not measured"
 
