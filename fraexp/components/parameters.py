@@ -30,11 +30,12 @@ def param(
     below: float | None = None,
     at_most: float | None = None,
     inherit: str | None = None,
+    beside: str = "",
 ) -> Any:
     """Declare a parameter: its SI unit ("1" for a pure number, "" for a name), meaning, default and bounds.
 
     `inherit` names the place in the experiment, such as ``loop.sample_time``, from which a study fills a
-    parameter that it does not give.
+    parameter that it does not give, if the one called `beside` is not empty.
     """
     return Field(
         default,
@@ -43,7 +44,7 @@ def param(
         ge=at_least,
         lt=below,
         le=at_most,
-        json_schema_extra={"unit": unit, "inherit": inherit},
+        json_schema_extra={"unit": unit, "inherit": inherit, "beside": beside},
     )
 
 
@@ -64,6 +65,13 @@ def inherited_from(info: FieldInfo) -> str | None:
     extra = info.json_schema_extra
     place = extra.get("inherit") if isinstance(extra, dict) else None
     return place if isinstance(place, str) else None
+
+
+def is_inherited(info: FieldInfo, values: Mapping[str, Any]) -> bool:
+    """Say whether a parameter that is not given is filled from the experiment, beside the values of those before it."""
+    extra = info.json_schema_extra
+    beside = extra.get("beside") if isinstance(extra, dict) else None
+    return inherited_from(info) is not None and (not beside or bool(values.get(str(beside))))
 
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ import pydantic
 import fraexp
 from fraexp.components.kinds import KINDS, Component, nested_kind
 from fraexp.components.local_file import DROP_IN, load_file, loaded_source_hash
-from fraexp.components.parameters import Parameters, example_call, inherited_from
+from fraexp.components.parameters import Parameters, example_call, inherited_from, is_inherited
 from fraexp.components.position_dependence import positioned_class
 from fraexp.data.identity import FileStamp, file_hash, file_stamps
 from fraexp.data.rotary_axes import is_rotary
@@ -276,7 +276,7 @@ class Registry:
         values = dict(given)
         for key, info in cls.model_fields.items():
             origin = inherited_from(info)
-            if key not in values and origin is not None:
+            if key not in values and origin is not None and is_inherited(info, values):
                 found = _look_up(environment, origin)
                 if found is not None:
                     values[key] = found

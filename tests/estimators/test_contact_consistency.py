@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from fraexp_plugins.controllers.pid import Pid
-from fraexp_plugins.estimators.multi_contact_effective_input import MultiContactEffectiveInput
+from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.plants.two_mass import TwoMass
 
@@ -40,7 +40,7 @@ class Drive(NamedTuple):
         models = {name: scaled(model, factors.get(name, 1.0)) for name, model in self.frictions.items()}
         given = {"frictions": models, "nominal_plant": self.plant, "position": self.position, "relative_degree": 2}
         given |= {"resolution": resolution, "noise": noise, "input_dead_time": 1e-3, **changes}
-        return MultiContactEffectiveInput(**given).estimate(self.signals)
+        return EffectiveInput(**given).estimate(self.signals)
 
     def error(self, found: Result) -> float:
         """Return the greatest relative error of a response at settled frequencies."""

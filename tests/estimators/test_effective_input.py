@@ -103,4 +103,4 @@ def test_images_of_the_hold_do_not_drive_the_friction_model(dead_time):
 def test_images_too_small_to_matter_are_left():
     signals = simulated(guide(), (2.0, 20.0), 75.0)
     method = EffectiveInput(friction=guide(), **DELAYS, oversampling=4)
-    assert not method._images_that_matter(signals, method._estimate_along(signals, method._forces(signals.segments)))
+    assert not method._images_that_matter(signals, method._estimate_along(method._contact_forces(signals)))

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fraexp_plugins.estimators._shared.standstill import hidden_forces
 from fraexp_plugins.estimators.best_linear_approximation import BestLinearApproximation
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
@@ -110,9 +111,9 @@ def test_a_part_that_sticks_hides_its_share():
 def test_friction_that_the_motion_shows_is_ok(registry, name):
     friction = table_models(registry)[name]
     signals = simulated(friction, (5.0, 12.0, 40.0, 150.0), 12.0, resolution=1e-7)
-    found = EffectiveInput(friction=friction, resolution=1e-7, **DELAYS).estimate(signals)
-    assert "standstill" not in found.message
-    assert not any(EffectiveInput(friction=friction, resolution=1e-7, **DELAYS)._hidden(signals))
+    observer = EffectiveInput(friction=friction, resolution=1e-7, **DELAYS)
+    assert "standstill" not in observer.estimate(signals).message
+    assert not any(hidden_forces(observer, signals.segments))
 
 
 def test_a_machine_without_friction_is_ok():

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fraexp_plugins.estimators.conventional import Conventional
-from fraexp_plugins.estimators.multi_contact_effective_input import MultiContactEffectiveInput
+from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.plants.two_mass import TwoMass
@@ -151,7 +151,7 @@ def test_the_proposed_method_says_how_far_standstill_may_put_it_off():
     """Without a certificate, as along a measured record."""
     frictions = {"motor": Coulomb(coulomb_force=8.0), "load": Coulomb(coulomb_force=6.0)}
     signals = replace(on_drive(frictions, (2.0, 3.0), 90.0), verification=None)
-    estimator = MultiContactEffectiveInput(frictions=frictions, nominal_plant=DRIVE, input_dead_time=1e-3)
+    estimator = EffectiveInput(frictions=frictions, nominal_plant=DRIVE, input_dead_time=1e-3)
     found = estimator.estimate(signals)
     plant = DRIVE.ports().response(2 * np.pi * found.response.frequency)
     error = np.abs(decibel(plant / found.response.response)).max()
@@ -164,7 +164,7 @@ def test_the_proposed_method_says_how_far_standstill_may_put_it_off():
 def test_motion_that_shows_dry_friction_is_ok(place):
     frictions = {"motor": BARELY, "load": BARELY, place: Coulomb(coulomb_force=5.0)}
     signals = on_drive(frictions, (15.0, 25.0), 40.0)
-    estimator = MultiContactEffectiveInput(frictions=frictions, nominal_plant=DRIVE, input_dead_time=1e-3)
+    estimator = EffectiveInput(frictions=frictions, nominal_plant=DRIVE, input_dead_time=1e-3)
     found = estimator.estimate(signals)
     plant = DRIVE.ports().response(2 * np.pi * found.response.frequency)
     assert found.outcome is Outcome.OK

@@ -186,7 +186,7 @@ def test_a_displacement_without_mean_is_refused(registry):
     controller = Pid(proportional=8000.0, derivative_time=0.04, filter_time=0.004)
     signals = simulated(frictions, (25.0,), 40.0, plant=made, controller=controller, position="load")
     of_contacts = {name: model.spec() for name, model in frictions.items()}
-    spec = {"name": "multi_contact_effective_input", "frictions": of_contacts, "nominal_plant": plant}
+    spec = {"name": "effective_input", "frictions": of_contacts, "nominal_plant": plant}
     method = create(registry, Estimator, {**spec, "position": "load", "input_dead_time": 1e-3})
     assert method.estimate(signals).outcome is Outcome.OK  # y.motor shows where the motor is
     alone = [

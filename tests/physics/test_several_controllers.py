@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from fraexp_plugins.controllers.pid import Pid
-from fraexp_plugins.estimators.multi_contact_effective_input import MultiContactEffectiveInput
+from fraexp_plugins.estimators.effective_input import EffectiveInput
 from scipy.signal import cont2discrete
 
 from fraexp.analysis.fourier import phasors
@@ -89,7 +89,7 @@ def test_the_proposed_response_is_the_plant_without_the_other_loop(plant, output
     controllers = dict.fromkeys(FRICTIONS, CONTROLLER)
     signals = simulated(FRICTIONS, frequencies, 40.0, plant=plant, controller=controllers, thrust="left", steps=20)
     settings = {"frictions": FRICTIONS, "nominal_plant": plant, "thrust": "left", "input_dead_time": 1e-3}
-    found = MultiContactEffectiveInput(output="y" if output == "left" else "y.right", **settings).estimate(signals)
+    found = EffectiveInput(output="y" if output == "left" else "y.right", **settings).estimate(signals)
     assert found.outcome is Outcome.OK
     expected = plant.ports().closed_by("left", "").response(2 * np.pi * np.array(frequencies), output)
     assert found.response.response == pytest.approx(expected, rel=1e-3)

@@ -1,4 +1,4 @@
-"""The paper's proposed FRA method: measured position over the effective control input."""
+"""The paper's proposed FRA method, with one contact or several: measured position over the effective control input."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -12,20 +12,30 @@ from fraexp.api import (
     Encoder,
     Estimator,
     FrequencyResponse,
+    FrictionModel,
     ParameterError,
+    Plant,
     PositionDependentFriction,
     RecordError,
     Result,
     Segment,
     Signals,
     param,
+    phasor_variance,
     phasors,
     response_result,
+)
+from fraexp_plugins.estimators._shared.contacts import (
+    ContactForces,
+    ContactPlant,
+    contact_channel,
+    only_contact,
+    with_displacement,
 )
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT, ObserverEstimator, is_from_rest
 from fraexp_plugins.estimators._shared.encoder_aware_observer import EncoderAwareObserver
 from fraexp_plugins.estimators._shared.encoder_errors import EncoderErrors, with_error_vectors
-from fraexp_plugins.estimators._shared.friction_posterior import SineRecord, harmonic_lines, line_omega, record_terms
+from fraexp_plugins.estimators._shared.friction_posterior import SineRecord
 from fraexp_plugins.estimators._shared.hold_images import HoldImages, gain_above_modes, hold_images
 from fraexp_plugins.estimators._shared.model_covariance import inverse_response
 from fraexp_plugins.estimators._shared.motion_above_nyquist import UnsampledErrors
@@ -38,6 +48,8 @@ from fraexp_plugins.estimators._shared.parameter_uncertainty import (
 from fraexp_plugins.estimators._shared.plant_above_modes import MAX_ERROR, PlantAboveModes
 from fraexp_plugins.estimators._shared.response_doubts import (
     MAX_STANDSTILL_ERROR,
+    check_contact_standstill,
+    check_unbanded_encoder,
     join_messages,
     judge_band,
     standstill_text,
@@ -57,13 +69,15 @@ from fraexp_plugins.estimators._shared.uncertain_friction import (
     with_model_errors,
 )
 
+ENCODER_STDS = 2.0
+"""Standard deviations of an error by the encoder that count as its greatest."""
 NO_RATE_S = 1e9
 """A step so long that nothing moves fast in it [s]."""
 MIN_STIFFENING = 1.001
 """Stiffness of a friction model in a sample, over that at rest, from which its elements damp."""
 
 
-class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
+class EffectiveInput(EncoderAwareObserver, name="effective_input", version=8):
     """P̂ = y'/û_e with û_e = G_di G_do u - f̂: the effective control input observer, eqs (2)-(5).
 
     y' drives the friction model in the time domain; the delays act at each frequency. With the right friction model P̂
@@ -96,6 +110,17 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
     For a record of one period motions are drawn that could have given it; nothing is taken off. A
     frequency is ok if its whole band lies within 0.5 dB and 3°.
 
+    With friction at several contacts c, û_e = G_di G_do u - Σ R_c f̂_c. Each model of `frictions` is driven by the
+    displacement of its contact, as far as measured positions give it: one of them, or a difference such as motor less
+    link. Channel `y` is the position that is fed back, `y.motor` another one; `output` chooses that of the response.
+    R_c is the thrust that moves the output as a unit of the contact's force does, P_yc/P_yu of the nominal plant. Where
+    friction acts at the thrust itself, as at a motor, it is 1 whatever the plant is. One contact may have an unknown
+    displacement: the nominal plant then reconstructs it from the position that is fed back. Control inputs of further
+    thrusts, such as `u.right`, count as friction does. What the nominal plant is wrong, both uses cost; with
+    `plant_deviations` the band contains it. The band does not contain what noise and rounding do to the friction at
+    several contacts: a message states a bound from the greatest stiffness where that is more than 1 % and than the
+    band; more than 10 % is not ok.
+
     The images of the held input are taken off the measured position where they falsify the response by more than the
     tolerance. Their size follows from the motion at harmonics, if noise or resolution is stated and enough of them are
     clear; else from the response at the highest frequencies, which should lie above the modes.
@@ -103,8 +128,18 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
 
     takes_responses: ClassVar[bool] = True
 
+    frictions: dict[str, FrictionModel] = param(
+        "", "friction model of each contact, of a machine with several", {}, inherit="friction"
+    )
+    nominal_plant: Plant | None = param(
+        "", "plant by which friction at several contacts acts at a distance", None, inherit="plant", beside="frictions"
+    )
+    thrust: str = param("", "thrust that is excited, as in the loop", "", inherit="loop.thrust")
+    position: str = param("", "position that is fed back, as in the loop", "", inherit="loop.position")
     method: Estimator | None = param("", "estimator from û_e to y'; Fourier sums if it is not given", None)
-    force_std: float | None = param("1", f"relative standard deviation of ΣF_m; {UNSTATED}", None, at_least=0, below=1)
+    force_std: float | None = param(
+        "1", f"relative standard deviation of ΣF_m, of each contact; {UNSTATED}", None, at_least=0, below=1
+    )
     displacement_std: float | None = param(
         "1",
         f"relative standard deviation of the deflections Y_m, at the same ΣF_m; {UNSTATED}",
@@ -118,6 +153,11 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
     correlation: tuple[tuple[float, ...], ...] = param(
         "1",
         "correlation matrix of `deviations`, row by row, as identification gives it; empty if they are independent",
+        (),
+    )
+    plant_deviations: tuple[Deviation, ...] = param(
+        "",
+        "standard deviations of the nominal plant's parameters, such as { parameter = 'stiffness', std = 4000.0 }",
         (),
     )
     corrects_friction: bool = param("", "whether errors of the model that harmonics show move the response", True)
@@ -136,15 +176,34 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
             raise ParameterError(
                 f"effective_input.method is {self.method.name}, which has no parameter 'input' for û_e; choose another"
             )
-        try:
-            check_deviations(self.friction, self.deviations, self.correlation)
-        except ParameterError as error:
-            raise ParameterError(f"effective_input.{error}") from None
+        if self.frictions and self.nominal_plant is None:
+            raise ParameterError("effective_input.nominal_plant is missing; expected the plant of all contacts")
+        if self.nominal_plant is not None and not self.frictions:
+            raise ParameterError(
+                "effective_input.nominal_plant is that of several contacts, and there is one; leave it out, or give "
+                "the friction model of each contact in frictions"
+            )
+        if self.frictions and self.deviations:
+            raise ParameterError(
+                "effective_input.deviations name parameters of one friction model, and there is one for each of "
+                f"{', '.join(self.frictions)}; state force_std and displacement_std, or plant_deviations"
+            )
+        for place, model, deviations, correlation in (
+            ("", self.friction, self.deviations, self.correlation),
+            ("plant_", self.nominal_plant, self.plant_deviations, ()),
+        ):
+            try:
+                check_deviations(model, deviations, correlation) if model else None
+            except ParameterError as error:
+                raise ParameterError(f"effective_input.{place}{error}") from None
 
     def matched(self, machine: Mapping[str, object]) -> Self:
         """Return the observer of the machine itself, about which nothing is uncertain."""
-        certain = {"force_std": 0.0, "displacement_std": 0.0, "deviations": (), "correlation": ()}
-        return super().matched(machine).model_copy(update=certain)
+        certain: dict[str, object] = {"force_std": 0.0, "displacement_std": 0.0, "deviations": (), "correlation": ()}
+        frictions = machine["friction"]
+        if isinstance(frictions, Mapping):
+            certain |= {"friction": None, "frictions": dict(frictions)}
+        return super().matched(machine).model_copy(update={**certain, "plant_deviations": ()})
 
     def estimate(self, signals: Signals) -> Result:
         """Return y'/û_e at each frequency."""
@@ -157,26 +216,87 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
             )
         if not getattr(self.method, "motion_repeats", True):
             signals = as_single_periods(signals)
-        observer = self.fitted_to(signals).resolve_oversampling(signals.segments)
-        forces = observer._forces(signals.segments)
-        found = observer._estimate_along(signals, forces)
-        images = observer._images_that_matter(signals, found)
+        observer = self.fitted_to(signals)._resolved(signals)
+        forces = observer._contact_forces(signals)
+        found = observer._estimate_along(forces)
+        images = None if self.frictions else observer._images_that_matter(signals, found)
         if images:
             moved = images.removed_from(signals.segments, self.output)
             observer, signals = observer.model_copy(update={"relative_degree": 0}), replace(signals, segments=moved)
-            forces = observer._forces(signals.segments)
-            found = observer._estimate_along(signals, forces)
-        found = observer._completed(signals, found, self.relative_degree)
-        return replace(found, curves=(*found.curves, *observer._sensitivity(signals, forces, found)))
+            forces = observer._contact_forces(signals)
+            found = observer._estimate_along(forces)
+        found = observer._completed(signals, forces, found, self.relative_degree)
+        return replace(found, curves=(*found.curves, *observer._sensitivity(forces, found)))
 
-    def _sensitivity(self, signals: Signals, forces: Sequence[NDArray[np.float64]], found: Result) -> tuple[Curve, ...]:
+    def resolve_for(self, signals: Signals) -> Self:
+        """Return the estimator with the points per sample that it takes: its certificate is that of the same points."""
+        return self._resolved(signals) if signals.segments and not signals.are_stated else self
+
+    def _resolved(self, signals: Signals) -> Self:
+        """Return the estimator with the points per sample that the contact needs that needs most."""
+        if self.oversampling or not self.frictions:
+            return self.resolve_oversampling(signals.segments)
+        needed = [contact.observer.oversampling for contact in self._contact_forces(signals).contacts]
+        return self._oversampled(max(needed, default=1))
+
+    def _contact_forces(self, signals: Signals, factors: Mapping[str, float] | None = None) -> ContactForces:
+        """Return the displacement of each contact that has friction, and the force of its friction model.
+
+        `factors` change scales of the models, by their names such as `motor: force_scale`.
+        """
+        if not self.frictions:
+            return only_contact(self._observer("", self.law, signals, factors), signals)
+        assert self.nominal_plant is not None
+        models = {name: model for name, model in self.frictions.items() if model.state_size or model.viscous}
+        ports = self.nominal_plant.ports().closed_by(self.thrust, self.position)
+        plant = ContactPlant.of(ports, self.output, list(self.frictions), self.name)
+        weights = {name: plant.displacement_weights(signals, name) for name in models}
+        for name, own in weights.items():
+            signals = signals if own is None else with_displacement(signals, name, own)
+        hidden = [name for name, own in weights.items() if own is None]
+        self._check_hidden(hidden)
+        observers = {
+            name: self._observer(name, models[name], signals, factors) for name in models if name not in hidden
+        }
+        contacts = {name: plant.contact(name, each, signals, weights[name]) for name, each in observers.items()}
+        for name in hidden:
+            others = ContactForces(signals, tuple(contacts.values()))
+            signals = plant.with_reconstruction(signals, name, self, others)
+            observer = self._observer(name, models[name], signals, factors)
+            contacts[name] = plant.contact(name, observer, signals, None)
+        return ContactForces(plant.refer_thrusts(signals, self.input), tuple(contacts[name] for name in models))
+
+    def _check_hidden(self, hidden: Sequence[str]) -> None:
+        """Raise ParameterError for contacts whose displacements cannot be reconstructed."""
+        if len(hidden) > 1:
+            raise ParameterError(
+                f"{self.name}: measured positions do not give the displacements of the contacts "
+                f"{' and '.join(hidden)}, and only one can be reconstructed; record another position, as channel y.NAME"
+            )
+        if hidden and isinstance(self.frictions[hidden[0]], PositionDependentFriction):
+            raise ParameterError(
+                f"{self.name}: the displacement of contact '{hidden[0]}' is reconstructed without its mean, and its "
+                "friction depends on the position; record a position there, as channel y.NAME, or leave out "
+                f"position_dependence in {self.name}.frictions.{hidden[0]}"
+            )
+
+    def _observer(self, name: str, model: FrictionModel, signals: Signals, factors: Mapping[str, float] | None) -> Self:
+        """Return the observer of one contact, which is driven by its displacement."""
+        changes: dict[str, object] = {
+            scale: getattr(self, scale) * (factors or {}).get(_scale_name(name, scale), 1.0) for scale in SCALES
+        }
+        if name:
+            changes |= {"friction": model, "frictions": {}, "output": contact_channel(name)}
+        return self.model_copy(update=changes).resolve_oversampling(signals.segments)
+
+    def _sensitivity(self, forces: ContactForces, found: Result) -> tuple[Curve, ...]:
         """Return |N̂ P̂|, the friction force over û_e, and by how much a model 1 % too weak lowers the response.
 
         An error e of the force makes P̂ = P/(1 + e N P).
         """
-        if found.response is None or self.method or not self.friction.state_size:
+        if found.response is None or self.method or not any(c.observer.law.state_size for c in forces.contacts):
             return ()
-        force = np.abs(np.concatenate([each.mean(axis=0) for each in self.friction_phasors(signals.segments, forces)]))
+        force = np.abs(np.concatenate([each.mean(axis=0) for each in forces.friction_phasors()]))
         with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
             ratio = force / found.response.input_amplitude
             cost = 20 * np.log10(1 + ratio / 100)
@@ -203,87 +323,127 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
         The highest frequencies of a response may lie below a mode, where its c is another one.
         """
         is_single = any(len(segment.channels[self.output]) == 1 for segment in signals.segments)
-        if is_single or not (self.friction.state_size and self._encoder_matters(signals)):
+        if is_single or not (self.law.state_size and self._encoder_matters(signals)):
             return guess
         plant, _ = self.likely_motions(signals.segments, PlantAboveModes.of_gain(guess, self.relative_degree))
         sample_time = min(segment.sample_time for segment in signals.segments)
         return plant.limit if plant.error(np.pi / sample_time) < MAX_ERROR else guess
 
-    def _completed(self, signals: Signals, found: Result, relative_degree: int) -> Result:
+    def _completed(self, signals: Signals, forces: ContactForces, found: Result, relative_degree: int) -> Result:
         """Return a result with its uncertainty by encoder and friction model, and with all that makes it doubtful."""
         if found.response is None:
             return found
-        if self._encoder_matters(signals):
-            plant = PlantAboveModes.of_gain(gain_above_modes(found.response, relative_degree), relative_degree)
-            response, weak = self._with_encoder_errors(signals, found.response, plant)
-            message = join_messages(found.message, weak_terms_text(response, weak))
-            found = replace(found, response=response, message=message)
-        hidden = self._hidden(signals)
-        found, record = self._check_standstill(signals, hidden, found), None
-        if found.response is not None and not any(hidden):  # what standstill hides is no error of the model
-            record = SineRecord(self, signals.segments, Encoder(self.noise, self.resolution), found.response)
-        return judge_band(with_model_errors(found, record, self._errors(signals), corrects=self.corrects_friction))
+        response, message = found.response, found.message
+        if self.frictions and (self.noise or self.resolution):
+            found = check_unbanded_encoder(found, self._encoder_error(forces, response))
+        elif self._encoder_matters(signals):
+            plant = PlantAboveModes.of_gain(gain_above_modes(response, relative_degree), relative_degree)
+            response, weak = self._with_encoder_errors(signals, response, plant)
+            found = replace(found, response=response, message=join_messages(message, weak_terms_text(response, weak)))
+        segments, record = forces.signals.segments, None
+        hidden = [hidden_forces(each.observer, segments) for each in forces.contacts]
+        if any(map(any, hidden)):  # what standstill hides is no error of the model
+            check = self._check_contacts_standstill if self.frictions else self._check_standstill
+            found = check(forces, hidden, found)
+        elif found.response is not None:
+            record = SineRecord(self, segments, Encoder(self.noise, self.resolution), found.response)
+        errors = self._errors(signals, forces)
+        return judge_band(with_model_errors(found, record, errors, corrects=self.corrects_friction))
 
-    def _errors(self, signals: Signals) -> ModelErrors | None:
-        """Return what is uncertain of the friction model: its scales, and the columns of its deviations.
+    def _errors(self, signals: Signals, forces: ContactForces) -> ModelErrors | None:
+        """Return what is uncertain of the models: scales contact by contact, and the columns of stated deviations.
 
-        None where it is the simulated machine's own, unless something is stated of its deviations.
+        None where friction is the simulated machine's own at its only contact, unless something is stated of it.
         """
-        is_known = knows_machine(self, self.friction, signals)
-        segments, scales = signals.segments, self._uncertain_scales(is_known=is_known or bool(self.deviations))
-        columns = covariance_root(self.friction, self.deviations, self.correlation)
-        if is_known and not (scales or columns.size):
+        is_known = knows_machine(self, self.frictions or self.friction, signals)
+        stds = self._uncertain_scales(forces, is_known=is_known or bool(self.deviations))
+        model, deviations = (
+            (self.nominal_plant, self.plant_deviations) if self.frictions else (self.law, self.deviations)
+        )
+        assert model is not None
+        columns = covariance_root(model, deviations, () if self.frictions else self.correlation)
+        if is_known and not (self.frictions or stds or columns.size):
             return None
-        motions = [self.mean_motion(segment) for segment in segments]
+        observer, alike, outputs = self._of_mean_periods(signals)
 
-        def applied(sizes: NDArray[np.float64]) -> EffectiveInput:
-            factors = zip(scales.items(), scale_factors([std for _, std in scales.values()], sizes), strict=True)
-            changes: dict[str, object] = {name: value * factor for (name, (value, _)), factor in factors}
-            changes["friction"] = moved_within_bounds(self.friction, self.deviations, columns @ sizes[len(scales) :])
-            return self.model_copy(update=changes)
-
-        def force_terms(sizes: NDArray[np.float64]) -> list[NDArray[np.complex128]]:
-            observer = applied(sizes)
-            scale = self.displacement_scale / observer.displacement_scale
-            driving = [
-                each._replace(displacement=scale * each.displacement, lead_in=scale * each.lead_in) for each in motions
-            ]
-            forces = zip(segments, observer.friction.forces(driving), strict=True)
-            return [observer.force_at(segment, force, harmonic_lines(segment)) for segment, force in forces]
+        def applied(sizes: NDArray[np.float64]) -> ContactForces:
+            factors = dict(zip(stds, scale_factors(list(stds.values()), sizes), strict=True))
+            moved = moved_within_bounds(model, deviations, columns @ sizes[len(stds) :])
+            changed = observer.model_copy(update={"nominal_plant" if self.frictions else "friction": moved})
+            return changed._contact_forces(alike, factors)
 
         def inverse_with(sizes: NDArray[np.float64]) -> NDArray[np.complex128]:
-            observer = applied(sizes)
-            return inverse_response(observer._estimate_along(signals, observer._forces(segments)))
+            return inverse_response(self._estimate_along(applied(sizes), outputs))
 
-        return ModelErrors(scales, columns.shape[1], force_terms, inverse_with, self.stiffness)
+        return ModelErrors(
+            {name: (getattr(self, name.split(": ")[-1]), std) for name, std in stds.items()},
+            columns.shape[1],
+            lambda sizes: applied(sizes).force_terms(),
+            inverse_with,
+            forces.stiffness,
+        )
 
-    def _uncertain_scales(self, *, is_known: bool) -> dict[str, tuple[float, float]]:
-        """Return value and relative standard deviation of each scale of the model that is uncertain."""
-        is_positioned = isinstance(self.friction, PositionDependentFriction)
-        stated = zip(SCALES, (self.force_std, 0.0 if is_positioned else self.displacement_std), strict=True)
-        stds = {scale: prior_std(std, self.friction, is_known=is_known) for scale, std in stated}
-        return {scale: (getattr(self, scale), std) for scale, std in stds.items() if std}
+    def _of_mean_periods(self, signals: Signals) -> tuple[Self, Signals, list[NDArray[np.complex128]] | None]:
+        """Return signals of one period that noise no longer disturbs, their observer, and the phasors of the output.
 
-    def force_at(
-        self, segment: Segment, force: NDArray[np.float64], lines: NDArray[np.int64]
-    ) -> NDArray[np.complex128]:
-        """Return the terms of all friction [N] at lines, from the model's force along the mean period, shape (k,)."""
-        omega = line_omega(segment, lines)
-        terms = np.fft.rfft(force)[lines] * (2 / force.size) * self.force_factor(omega)
-        return np.asarray(terms + 1j * omega * self.friction.viscous * record_terms(segment, self.output, lines))
+        Nothing changes where a method needs the whole record, or it does not repeat.
+        """
+        if self.method or any(is_from_rest(segment) or not segment.periodic for segment in signals.segments):
+            return self, signals, None
+        inputs = [name for name in signals.units if name == self.input or name.startswith("u.")]
+        positions = [name for name in signals.units if name in ("y", self.output) or name.startswith("y.")]
+        segments = tuple(
+            replace(
+                segment,
+                channels={
+                    **{name: segment.channels[name].mean(axis=0, keepdims=True) for name in inputs},
+                    **{name: self.clear_period(segment, name) for name in positions},
+                },
+            )
+            for segment in signals.segments
+        )
+        outputs = [phasors(segment, self.output).mean(axis=0, keepdims=True) for segment in signals.segments]
+        exact = self.model_copy(update={"noise": 0.0, "resolution": 0.0})
+        return exact, replace(signals, segments=segments), outputs
 
-    def stiffness(self, omega: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the greatest change of the friction force by an error of the output [N/m], at ω [rad/s]."""
-        greatest = self.friction.max_stiffness * self.force_scale / self.displacement_scale
-        return np.full(omega.size, greatest)
+    def _uncertain_scales(self, forces: ContactForces, *, is_known: bool) -> dict[str, float]:
+        """Return the relative standard deviation of each scale of the models that is uncertain."""
+        stds: dict[str, float] = {}
+        for contact in forces.contacts:
+            law = contact.observer.law
+            is_positioned = isinstance(law, PositionDependentFriction)
+            for scale, std in zip(
+                SCALES, (self.force_std, 0.0 if is_positioned else self.displacement_std), strict=True
+            ):
+                stds[_scale_name(contact.name, scale)] = prior_std(std, law, is_known=is_known)
+        return {name: std for name, std in stds.items() if std}
 
-    def _estimate_along(self, signals: Signals, forces: Sequence[NDArray[np.float64]]) -> Result:
-        """Return the response to û_e with the friction model's forces along the segments."""
+    def _encoder_error(self, forces: ContactForces, response: FrequencyResponse) -> NDArray[np.float64]:
+        """Return by how much noise and rounding may move the response, relative to it, shape (n,): two deviations.
+
+        An error of a displacement changes the force by no more than the friction model's greatest stiffness.
+        """
+        deviation = np.concatenate([
+            np.sqrt(phasor_variance(segment, self._encoder_of_mean(segment), self.output))
+            for segment in forces.signals.segments
+        ])  # fmt: skip
+        with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+            force = forces.stiffness(2 * np.pi * response.frequency) / response.input_amplitude
+            return np.asarray(ENCODER_STDS * deviation * (1 / response.output_amplitude + force))
+
+    def _encoder_of_mean(self, segment: Segment) -> Encoder:
+        return Encoder(self.noise / np.sqrt(len(segment.channels[self.output])), self.resolution)
+
+    def _estimate_along(self, forces: ContactForces, outputs: Sequence[NDArray[np.complex128]] | None = None) -> Result:
+        """Return the response to û_e with these friction forces, of the phasors of the output or of others."""
+        signals = forces.signals
         if self.method is not None:
-            return self._estimate_by_method(self.method, self.with_effective_input(signals, forces))
+            return self._estimate_by_method(self.method, forces.with_effective_input(self))
         units = (signals.unit(self.input), signals.unit(self.output))
-        inputs = self.effective_phasors(signals.segments, forces)
-        outputs = [phasors(segment, self.output) for segment in signals.segments]
+        pairs = zip(self.thrust_phasors(signals.segments), forces.friction_phasors(), strict=True)
+        inputs = [thrust - friction for thrust, friction in pairs]
+        if outputs is None:
+            outputs = [phasors(segment, self.output) for segment in signals.segments]
         return response_result(signals, inputs, outputs, names=(EFFECTIVE_INPUT, self.output), units=units)
 
     def _estimate_by_method(self, method: Estimator, signals: Signals) -> Result:
@@ -293,32 +453,51 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
         method = method.model_copy(update={key: value for key, value in given.items() if key in fields})
         return method.estimate(signals)
 
-    def _check_standstill(self, signals: Signals, hidden: Sequence[HiddenForce | None], found: Result) -> Result:
+    def _check_standstill(
+        self, forces: ContactForces, hidden: Sequence[Sequence[HiddenForce | None]], found: Result
+    ) -> Result:
         """Return a result that is not ok where standstill hides friction, and that says how far it may be off."""
-        if found.response is None or not any(hidden):
+        if found.response is None:
             return found
+        (own,) = hidden
         with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
-            error = self._response_with(signals, hidden, found.response) / found.response.response - 1
+            error = self._response_with(forces, own, found.response) / found.response.response - 1
         error = np.where(np.isfinite(error), error, 0.0)
         if np.abs(error).max() <= MAX_STANDSTILL_ERROR:
             return found
-        share = max(each.share for each in hidden if each)
-        message = standstill_text(found.response.frequency, error, share)
-        return with_doubt(found, message)
+        share = max(each.share for each in own if each)
+        return with_doubt(found, standstill_text(found.response.frequency, error, share))
 
-    def _hidden(self, signals: Signals) -> list[HiddenForce | None]:
-        return hidden_forces(self, signals.segments)
+    def _check_contacts_standstill(
+        self, forces: ContactForces, hidden: Sequence[Sequence[HiddenForce | None]], found: Result
+    ) -> Result:
+        """Return the same of several contacts, with a bound: the forces between them are not known."""
+        if found.response is None:
+            return found
+        segments, names, shares = forces.signals.segments, [], [0.0]
+        error = np.zeros(found.response.frequency.size)
+        for contact, own in zip(forces.contacts, hidden, strict=True):
+            force = [
+                np.abs(contact.thrust_ratio(2 * np.pi * segment.frequency))
+                * (each.greatest_amplitude(segment) if each else 0.0)
+                for segment, each in zip(segments, own, strict=True)
+            ]
+            error += np.concatenate(force) / found.response.input_amplitude
+            names += [contact.name] if any(own) else []
+            shares += [each.share for each in own if each]
+        return check_contact_standstill(found, error, names, max(shares))
 
     def _response_with(
-        self, signals: Signals, hidden: Sequence[HiddenForce | None], found: FrequencyResponse
+        self, forces: ContactForces, hidden: Sequence[HiddenForce | None], found: FrequencyResponse
     ) -> NDArray[np.complex128]:
         """Return the response, shape (n,), with the friction force that standstill hides."""
+        signals = forces.signals
         pairs = list(zip(signals.segments, hidden, strict=True))
         if self.method is None:
             change = [each.phasors(segment) if each else 0.0 * segment.lines for segment, each in pairs]
             y = [phasors(segment, self.output).mean(axis=0) for segment in signals.segments]
             return found.response / (1 + found.response * np.concatenate(change) / np.concatenate(y))
-        extended = self.with_effective_input(signals)
+        extended = forces.with_effective_input(self)
         segments = [_add_force(*pair) for pair in zip(extended.segments, hidden, strict=True)]
         other = self._estimate_by_method(self.method, replace(extended, segments=tuple(segments))).response
         return found.response if other is None else other.response
@@ -341,7 +520,7 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
         partly hides change the response, shape (n,).
         """
         unknown = np.zeros(response.frequency.size)
-        if not self.friction.state_size:
+        if not self.law.state_size:
             return with_rounding(response, signals.segments, self.output, self.resolution), unknown
         if any(len(segment.channels[self.output]) == 1 for segment in signals.segments):
             return self._with_errors_of_single_periods(signals.segments, response, plant), unknown
@@ -359,7 +538,7 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
     ) -> FrequencyResponse:
         errors = self.single_period_errors(segments)
         ratio = response.response
-        output = 1 + ratio * 2j * np.pi * response.frequency * self.friction.viscous
+        output = 1 + ratio * 2j * np.pi * response.frequency * self.law.viscous
         with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
             variance = errors.variance(output, ratio) / response.input_amplitude**2
         if self._is_damped(segments[0].sample_time):
@@ -375,7 +554,7 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
 
     def _is_damped(self, sample_time: float) -> bool:
         """Return whether elements of the friction model damp: their force has steps, which move the plant unseen."""
-        slow, fast = (self.friction.stiffness_in_step(step) for step in (NO_RATE_S, sample_time))
+        slow, fast = (self.law.stiffness_in_step(step) for step in (NO_RATE_S, sample_time))
         return fast > MIN_STIFFENING * slow
 
     def _response_with_encoder_errors(
@@ -390,7 +569,7 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
 
         The third value is by how much terms of the motion that noise partly hides change P̂, shape (lines,).
         """
-        damping = 2j * np.pi * segment.frequency * self.friction.viscous
+        damping = 2j * np.pi * segment.frequency * self.law.viscous
         corrected = np.add.reduce(linear, axis=0) / len(linear) + damping * errors.output_correction
         effective = corrected - errors.force
         ratio = errors.output / effective
@@ -408,6 +587,11 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=7):
             np.vstack([scatter, correction, interpolation, float(plant.error(np.pi / segment.sample_time)) * hidden]),
             weak,
         )
+
+
+def _scale_name(contact: str, scale: str) -> str:
+    """Return the name of a scale of the friction model of a contact, or of the only one."""
+    return f"{contact}: {scale}" if contact else scale
 
 
 def _add_force(segment: Segment, hidden: HiddenForce | None) -> Segment:

@@ -8,7 +8,18 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve, Metric, ParameterError, RecordError, Result, Segment, Signals, param, phasors
+from fraexp.api import (
+    Curve,
+    FrictionModel,
+    Metric,
+    ParameterError,
+    RecordError,
+    Result,
+    Segment,
+    Signals,
+    param,
+    phasors,
+)
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT, ObserverEstimator
 from fraexp_plugins.estimators._shared.realisations import (
     Part,
@@ -51,6 +62,7 @@ class FrictionModelTest(ObserverEstimator, name="friction_model_test", version=2
     model is good enough there.
     """
 
+    friction: FrictionModel = param("", "friction model FM of the observer", inherit="friction")
     excitation_channel: str = param("", "channel of the excitation, if there is one", "excitation")
     bands: tuple[float, ...] = param("Hz", "limits of the frequency bands, ascending", (1.0, 5.0, 20.0, 100.0))
     scatter_tolerance: float = param("1", "relative scatter that is acceptable", 0.01, at_least=0)

@@ -3,7 +3,6 @@
 import itertools
 from abc import ABC
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple, Self
 
@@ -46,7 +45,7 @@ class ObserverEstimator(DelayedEstimator, ABC):
     removed, because the model would take them for reversals.
     """
 
-    friction: FrictionModel = param("", "friction model FM of the observer", inherit="friction")
+    friction: FrictionModel | None = param("", "friction model FM of the observer", None, inherit="friction")
     force_scale: float = param("1", "factor on the model's force, such as 1.1 for a ΣF_m 10 % too large", 1.0, above=0)
     displacement_scale: float = param("1", "factor on the model's deflections Y_m, at the same ΣF_m", 1.0, above=0)
     resolution: float = param("m", "quantisation step of the encoder", 0.0, at_least=0, inherit="loop.resolution")
@@ -68,7 +67,9 @@ class ObserverEstimator(DelayedEstimator, ABC):
     )
 
     def model_post_init(self, context: object) -> None:
-        """Check that deflections are not scaled where the position matters."""
+        """Check that there is a friction model, and that deflections are not scaled where the position matters."""
+        if not getattr(self, "frictions", None):
+            self.law  # noqa: B018  # it raises the error
         is_positioned = isinstance(self.friction, PositionDependentFriction)
         for key, expected in (("displacement_scale", 1.0), ("displacement_std", 0.0)):
             found = getattr(self, key, None)
@@ -77,6 +78,13 @@ class ObserverEstimator(DelayedEstimator, ABC):
                     f"{self.name}.{key} is {found:g}, which would scale the friction model's position_dependence too; "
                     f"expected {expected:g}: change the model's own parameters, or state deviations of those"
                 )
+
+    @property
+    def law(self) -> FrictionModel:
+        """Friction model of the one contact; ParameterError if there is none."""
+        if self.friction is None:
+            raise ParameterError(f"{self.name} lacks 'friction'; state it here, or 'friction' in the study")
+        return self.friction
 
     def matched(self, machine: Mapping[str, object]) -> Self:
         """Return the observer of the machine itself, with an ideal encoder."""
@@ -98,41 +106,21 @@ class ObserverEstimator(DelayedEstimator, ABC):
 
     def linear_phasors(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
         """Return the phasors of G_di G_do u less viscous friction [N] per segment, each of shape (periods, lines)."""
+        return [
+            thrust - 2j * np.pi * segment.frequency * self.law.viscous * phasors(segment, self.output)
+            for segment, thrust in zip(segments, self.thrust_phasors(segments), strict=True)
+        ]
+
+    def thrust_phasors(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
+        """Return the phasors of G_di G_do u [N] per segment, each of shape (periods, lines)."""
         if not segments:
             return []
         counts = [segment.lines.size for segment in segments]
         omega = 2 * np.pi * np.concatenate([segment.frequency for segment in segments])
         times = {segment.sample_time for segment in segments}
         sample_time = times.pop() if len(times) == 1 else np.repeat([s.sample_time for s in segments], counts)
-        path = self.input_path(omega, sample_time) * self.output_path(omega)
-        viscous = 1j * omega * self.friction.viscous
-        factors = zip(*(np.split(factor, np.cumsum(counts)[:-1]) for factor in (path, viscous)), strict=True)
-        return [
-            delayed * phasors(segment, self.input) - damping * phasors(segment, self.output)
-            for segment, (delayed, damping) in zip(segments, factors, strict=True)
-        ]
-
-    def with_effective_input(self, signals: Signals, forces: Sequence[NDArray[np.float64]] | None = None) -> Signals:
-        """Return the signals with û_e [N] as one more channel, at the samples and limited to their band.
-
-        Delays, hold and viscous friction act on the spectrum of the whole record. If the record is not periodic they
-        use its end as the past of its beginning. The error is as smooth over frequency as the transient itself, so
-        that estimators that remove the transient remove this error too. `forces` are those of `_forces`, if they are
-        known.
-        """
-        if not self.oversampling:
-            return self.resolve_oversampling(signals.segments).with_effective_input(signals)
-        unit = signals.unit(self.input)
-        found = []
-        forces = self._forces(signals.segments) if forces is None else forces
-        for segment, force in zip(signals.segments, forces, strict=True):
-            shape, size = segment.channels[self.output].shape, segment.channels[self.output].size
-            path = _record_path(self.delays, size, segment.sample_time)
-            effective = np.fft.irfft(self._effective_bins(segment, force.ravel(), path), size)
-            extended = replace(segment, channels={**segment.channels, EFFECTIVE_INPUT: effective.reshape(shape)})
-            extended.cache.update(segment.cache)
-            found.append(extended)
-        return replace(signals, segments=tuple(found), units={**signals.units, EFFECTIVE_INPUT: unit})
+        path = np.split(self.input_path(omega, sample_time) * self.output_path(omega), np.cumsum(counts)[:-1])
+        return [delayed * phasors(segment, self.input) for segment, delayed in zip(segments, path, strict=True)]
 
     def resolve_oversampling(self, segments: Sequence[Segment]) -> Self:
         """Return the estimator with the points per sample that its friction model needs along these segments."""
@@ -157,16 +145,21 @@ class ObserverEstimator(DelayedEstimator, ABC):
         """Return the same estimator with a number of points per sample."""
         return self.model_copy(update={"oversampling": points})
 
-    def _effective_bins(
-        self, segment: Segment, force: NDArray[np.float64], path: NDArray[np.complex128]
-    ) -> NDArray[np.complex128]:
-        size = segment.channels[self.output].size
-        omega = 2 * np.pi * np.fft.rfftfreq(size, segment.sample_time)
-        friction = np.fft.rfft(force)[: omega.size] * (self.force_scale / self.oversampling)
+    def thrust_spectrum(self, segment: Segment) -> NDArray[np.complex128]:
+        """Return the spectrum of G_di G_do u [N] over the whole record of a segment, shape (n // 2 + 1,)."""
+        path = _record_path(self.delays, segment.channels[self.input].size, segment.sample_time)
+        return path * record_spectrum(segment, self.input)
+
+    def force_spectrum(self, segment: Segment, force: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return the spectrum of all friction [N] over the whole record of a segment, shape (n // 2 + 1,).
+
+        `force` is that of `_forces`.
+        """
+        omega = 2 * np.pi * np.fft.rfftfreq(segment.channels[self.output].size, segment.sample_time)
+        friction = np.fft.rfft(force.ravel())[: omega.size] * (self.force_scale / self.oversampling)
         if self.output_time_constants:
             friction = friction * path_response(omega, 0.0, self.output_time_constants)
-        viscous = 1j * omega * self.friction.viscous * record_spectrum(segment, self.output)
-        return path * record_spectrum(segment, self.input) - viscous - friction
+        return friction + 1j * omega * self.law.viscous * record_spectrum(segment, self.output)
 
     def _friction_phasors(
         self, segments: Sequence[Segment], forces: Sequence[NDArray[np.float64]] | None = None
@@ -183,15 +176,8 @@ class ObserverEstimator(DelayedEstimator, ABC):
     ) -> list[NDArray[np.complex128]]:
         """Return the phasors of all friction [N], viscous friction included, each of shape (periods, lines)."""
         return [
-            force + 2j * np.pi * segment.frequency * self.friction.viscous * phasors(segment, self.output)
+            force + 2j * np.pi * segment.frequency * self.law.viscous * phasors(segment, self.output)
             for segment, force in zip(segments, self._friction_phasors(segments, forces), strict=True)
-        ]
-
-    def force_spectra(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
-        """Return the spectrum of all friction [N] over the whole record per segment, each of shape (n // 2 + 1,)."""
-        return [
-            -self._effective_bins(segment, force.ravel(), np.zeros(1, dtype=complex))
-            for segment, force in zip(segments, self._forces(segments), strict=True)
         ]
 
     def force_factor(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
@@ -200,7 +186,7 @@ class ObserverEstimator(DelayedEstimator, ABC):
 
     def lead_in(self, segment: Segment) -> NDArray[np.float64]:
         """Return the displacement before the record that drives the friction model [m]; empty if it does not matter."""
-        if self.friction.has_unique_periodic_force or self.output not in segment.lead_in:
+        if self.law.has_unique_periodic_force or self.output not in segment.lead_in:
             return np.empty(0)
         return segment.lead_in[self.output] / self.displacement_scale
 
@@ -260,6 +246,13 @@ class ObserverEstimator(DelayedEstimator, ABC):
         scatter = self.noise**2 * periods + self.resolution**2 / 12 * periods**2
         return _significant_terms(record_spectrum(segment, self.output), scatter * samples)
 
+    def clear_period(self, segment: Segment, channel: str) -> NDArray[np.float64]:
+        """Return the mean period of a position [m] without the terms that noise and rounding hide, (1, samples)."""
+        count, samples = segment.channels[channel].shape
+        bins = record_spectrum(segment, channel)[::count] / count
+        scatter = (self.noise**2 / count + self.resolution**2 / 12) * samples
+        return np.fft.irfft(_significant_terms(bins, scatter), samples)[None]
+
     def _fine_displacement_from_rest(self, segment: Segment) -> NDArray[np.float64]:
         """Return the same for a record that begins at rest and does not return to it.
 
@@ -305,7 +298,7 @@ def _forces_side_by_side(
     """Return the forces of one friction model [N] by observers that differ in their points per sample, as `_forces`."""
     motions = [_Motions.of(observer, segments) for observer in observers]
     each = [motion for part in motions for motion in itertools.chain(part.whole, *part.single_periods)]
-    forces = iter(observers[0].friction.forces(each))
+    forces = iter(observers[0].law.forces(each))
     pairs = zip(observers, motions, strict=True)
     return [observer._periods_of_forces(segments, part, forces) for observer, part in pairs]
 

@@ -54,7 +54,7 @@ class EncoderAwareObserver(ObserverEstimator, ABC):
                 self._motions_of_terms(segment, terms[None, :], each.duration)[0]
                 for segment, each, terms in zip(segments, measured, motions, strict=True)
             ]
-            pairs = zip(measured, self.friction.forces(driving), strict=True)
+            pairs = zip(measured, self.law.forces(driving), strict=True)
             return [motion_terms(force, 1)[: each.terms.size] * self.force_factor(each.omega) for each, force in pairs]
 
         return likely_motions(measured, force_terms, guess)
@@ -68,11 +68,11 @@ class EncoderAwareObserver(ObserverEstimator, ABC):
             for segment, own in zip(segments, likely, strict=True)
         ]
         pairs = zip(segments, motions, strict=True)
-        singles = self.friction.forces([motion for pair in pairs for motion in self._single_motions(*pair)])
+        singles = self.law.forces([motion for pair in pairs for motion in self._single_motions(*pair)])
         errors = []
         for number, (segment, each) in enumerate(zip(segments, motions, strict=True)):
             several = self._motions_of_terms(segment, np.concatenate([each.drawn, each.found]), each.duration)
-            sums = fourier_sums(np.stack(self.friction.forces(several)), each.lines)
+            sums = fourier_sums(np.stack(self.law.forces(several)), each.lines)
             own = singles[number * SINGLE_MOTIONS : (number + 1) * SINGLE_MOTIONS]
             forces = [fourier_sums(force[None, :], each.lines)[0] for force in own]
             found = simulated_encoder_errors(each, sums[: len(each.drawn)], sums[len(each.drawn) :], forces)
@@ -92,7 +92,7 @@ class EncoderAwareObserver(ObserverEstimator, ABC):
         """Return the errors by the motion above the Nyquist frequency, of the mean over the periods, per segment."""
         motions = [self.mean_motion(segment) for segment in segments]
         segments = [_mean_period(segment, self.output) for segment in segments]
-        forces = self.friction.forces(motions)
+        forces = self.law.forces(motions)
         unsampled = [
             motion_above_nyquist(segment, force, plant, self.output_time_constants)
             for segment, force in zip(segments, forces, strict=True)
@@ -101,7 +101,7 @@ class EncoderAwareObserver(ObserverEstimator, ABC):
             motion._replace(displacement=motion.displacement + found.interpolation_error / self.displacement_scale)
             for motion, found in zip(motions, unsampled, strict=True)
         ]
-        changes = zip(segments, forces, self.friction.forces(moved), strict=True)
+        changes = zip(segments, forces, self.law.forces(moved), strict=True)
         lacking = [
             mean_phasors(segment, along - true) * self.force_factor(2 * np.pi * segment.frequency)
             for segment, along, true in changes
@@ -122,7 +122,7 @@ class EncoderAwareObserver(ObserverEstimator, ABC):
         for segment in segments:
             found = possible_motions(segment, self.output, self.resolution, self.noise, 0)
             pair = np.stack([found.terms[0], found.likely])
-            taken, likely = self.friction.forces(self._motions_of_terms(segment, pair, found.duration))
+            taken, likely = self.law.forces(self._motions_of_terms(segment, pair, found.duration))
             sums = fourier_sums(np.stack([taken, likely]), found.lines)
             errors.append((sums[0] - sums[1]) * self.force_factor(2 * np.pi * segment.frequency))
         return errors
@@ -136,7 +136,7 @@ class EncoderAwareObserver(ObserverEstimator, ABC):
             self._motions_of_terms(segment, found.terms, found.duration)
             for segment, found in zip(examined, possible, strict=True)
         ]
-        forces = iter(self.friction.forces(list(itertools.chain.from_iterable(motions))))
+        forces = iter(self.law.forces(list(itertools.chain.from_iterable(motions))))
         force_errors = []
         for segment, found in zip(examined, possible, strict=True):
             sums = fourier_sums(np.stack([next(forces) for _ in found.terms]), found.lines)

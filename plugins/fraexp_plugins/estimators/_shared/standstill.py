@@ -90,7 +90,7 @@ class _Doubt(NamedTuple):
 
 
 def _find_doubts(observer: ObserverEstimator, segments: Sequence[Segment]) -> list[_Doubt]:
-    friction, ratio = observer.friction, 1.0
+    friction, ratio = observer.law, 1.0
     if isinstance(friction, PositionDependentFriction):  # the motion shows what depends on the position
         ratio, friction = friction.position_dependence.max_ratio, friction.everywhere_alike
     greatest, stiffness = observer.force_scale * _greatest_force(friction), friction.max_stiffness
@@ -126,7 +126,7 @@ def _hidden_force(
     """Return what standstill hides in a segment, from the observer's force [N] on its fine grid, shape (n,)."""
     y, sample_time = segment.channels[observer.output].ravel(), segment.sample_time
     force = observer.force_scale * force
-    viscous = observer.friction.viscous * (np.roll(y, -1) - y) / sample_time
+    viscous = observer.law.viscous * (np.roll(y, -1) - y) / sample_time
     effective = _thrust(observer, segment) - _interval_means(force, observer.oversampling) - viscous
     stands = _standing(y, doubt.stop)
     standing = np.where(stands, np.clip(-effective, -doubt.change, doubt.change), 0.0)

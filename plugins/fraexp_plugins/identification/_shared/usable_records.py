@@ -38,7 +38,7 @@ def check_one_thrust(signals: Signals, estimator: str) -> None:
     if thrusts:
         raise RecordError(
             f"{estimator}: thrusts that are not excited move the machine too ({', '.join(thrusts)}), and a replay has "
-            "one thrust; use multi_contact_effective_input"
+            "one thrust; use effective_input"
         )
 
 

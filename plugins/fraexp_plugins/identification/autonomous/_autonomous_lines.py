@@ -35,7 +35,7 @@ class ElementObserver(EffectiveInput):
 
     name: ClassVar[str] = ""  # not a component: it must not be found as effective_input
 
-    def thrust(self, segment: Segment) -> NDArray[np.complex128]:
+    def thrust_of(self, segment: Segment) -> NDArray[np.complex128]:
         """Return the mean phasors of G_di G_do u [N], complex, shape (lines,)."""
         omega = 2 * np.pi * segment.frequency
         path = self.input_path(omega, segment.sample_time) * self.output_path(omega)
@@ -152,7 +152,7 @@ def spectral_lines(
         z = np.zeros((lines, records, thresholds.size), dtype=complex)
         for record, place in enumerate(group):
             segment = signals.segments[place]
-            u[:, record], y[:, record] = observer.thrust(segment), mean(phasors(segment, observer.output))
+            u[:, record], y[:, record] = observer.thrust_of(segment), mean(phasors(segment, observer.output))
             z[:, record] = observer.deflections(segment, thresholds)
         frequency, known = signals.segments[group[0]].frequency, (u != 0) & (y != 0)
         if not known.any(axis=1).all():

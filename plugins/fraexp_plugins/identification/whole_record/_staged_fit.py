@@ -489,7 +489,7 @@ class StagedFit:
     def observer_at(self, logs: NDArray[np.float64]) -> EffectiveInput:
         """Return the observer with these parameters of friction."""
         force, displacement = self.free.scales(logs)
-        friction = self.observer.friction
+        friction = self.observer.law
         for name, factor in zip(self.free.friction, np.exp(logs), strict=False):
             if name not in (*SCALES, DEAD_TIME):
                 friction = with_parameter(friction, name, parameter_value(friction, name) * float(factor))
@@ -504,7 +504,7 @@ class StagedFit:
         (contact,) = ports.contacts
         model = ReplayModel(
             ports,
-            {contact: observer.friction},
+            {contact: observer.law},
             records[0].segment.sample_time,
             (observer.input_dead_time, observer.input_time_constants),
             (observer.output_dead_time, observer.output_time_constants),

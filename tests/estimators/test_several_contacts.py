@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from fraexp_plugins.controllers.pid import Pid
 from fraexp_plugins.estimators.conventional import Conventional
-from fraexp_plugins.estimators.multi_contact_effective_input import MultiContactEffectiveInput
+from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.plants.two_mass import TwoMass
 
 from fraexp.components.kinds import Estimator
@@ -31,7 +31,7 @@ def without_motor_encoder(signals):
 
 def observer(frictions, **changes):
     given = {"frictions": frictions, "nominal_plant": DRIVE, "input_dead_time": DEAD_TIME, "relative_degree": 3}
-    return MultiContactEffectiveInput(**{**given, **changes})
+    return EffectiveInput(**{**given, **changes})
 
 
 def errors(response, position="load"):
@@ -138,6 +138,17 @@ def test_a_method_for_one_contact_refuses_a_model_for_each(registry):
     frictions = {"motor": MOTOR.spec(), "load": LOAD.spec()}
     with pytest.raises(
         ParameterError,
-        match=r"^effective_input takes one.*2 contacts \(motor, load\); use maximum_likelihood or multi_contact_",
+        match=r"^friction_model_test takes one.*2 contacts \(motor, load\); use effective_input or maximum_likelihood",
     ):
-        registry.create("estimator", {"name": "effective_input"}, {"friction": frictions})
+        registry.create("estimator", {"name": "friction_model_test"}, {"friction": frictions})
+
+
+def test_a_plant_is_inherited_beside_several_contacts_only(registry):
+    """With one contact the nominal plant would be no part of what is computed."""
+    experiment = {"friction": {"motor": MOTOR.spec(), "load": LOAD.spec()}, "plant": DRIVE.spec()}
+    several = registry.create("estimator", {"name": "effective_input"}, experiment)
+    assert (several.friction, several.nominal_plant) == (None, DRIVE)
+    one = registry.create("estimator", {"name": "effective_input"}, {**experiment, "friction": MOTOR.spec()})
+    assert (one.frictions, one.nominal_plant) == ({}, None)
+    with pytest.raises(ParameterError, match=r"nominal_plant is that of several contacts, and there is one"):
+        registry.create("estimator", {**one.spec(), "nominal_plant": DRIVE.spec()})
