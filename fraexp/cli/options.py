@@ -413,8 +413,8 @@ COMMANDS = {
     "tag": _command(
         "tag:tag_sweeps",
         "add a tag to sweeps, or remove it",
-        _option("tag TAG", "the tag: one word"),
         IDS,
+        _option("tag TAG", "the tag: one word"),
         _switch("--remove", "remove the tag"),
     ),
     "note": _command(

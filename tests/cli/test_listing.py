@@ -184,21 +184,21 @@ def test_studies_are_listed_with_their_state(folder, capsys):
 
 
 def test_sweeps_are_tagged_and_found_by_their_tag(folder, sweeps, capsys):
-    _, err = said(capsys, "tag", "good", sweeps[0].key, sweeps[1].key[4:12])
+    _, err = said(capsys, "tag", sweeps[0].key, sweeps[1].key[4:12], "good")
     assert "2 sweeps tagged good" in err
     assert len(said(capsys, "list", "tag:good")[0].splitlines()) == 3
     assert "good" in said(capsys, "show", sweeps[0].key)[0]
-    said(capsys, "tag", "good", "--remove", sweeps[0].key)
+    said(capsys, "tag", "--remove", sweeps[0].key, "good")
     assert len(said(capsys, "list", "tag:good")[0].splitlines()) == 2
-    assert "5 sweeps tagged all" in said(capsys, "tag", "all", "1")[1]
+    assert "5 sweeps tagged all" in said(capsys, "tag", "1", "all")[1]
 
 
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["two words", "1"], "is not a tag"),
-        (["good", "ffffffff"], "no sweep's key starts with 'ffffffff'"),
-        (["good", "1", "--remove"], "no sweep has the tag 'good'"),
+        (["1", "two words"], "is not a tag"),
+        (["ffffffff", "good"], "no sweep's key starts with 'ffffffff'"),
+        (["1", "good", "--remove"], "no sweep has the tag 'good'"),
     ],
 )
 def test_a_tag_that_cannot_be_given_is_told_in_one_line(folder, capsys, arguments, told):

@@ -28,7 +28,7 @@ def digits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 def test_digits_that_no_run_has_are_how_a_key_begins(digits: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["show", digits]) == ExitCode.OK
     assert f"fx2-{digits}" in capsys.readouterr().out
-    assert main(["tag", "baseline", digits]) == ExitCode.OK
+    assert main(["tag", digits, "baseline"]) == ExitCode.OK
     assert main(["show", "1"]) == ExitCode.OK
     assert "bench" in capsys.readouterr().out
 

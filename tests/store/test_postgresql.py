@@ -141,7 +141,7 @@ def test_the_commands_work_on_a_server_and_keep_its_password(server, guarded, tm
         ("show", "1", "--json"),
         ("compare", "1", "2"),
         ("plot", "1", "-o", "figure.png"),
-        ("tag", "baseline", "1"),
+        ("tag", "1", "baseline"),
         ("list", "tag:baseline", "--json"),
         ("doctor", "--json"),
         ("merge", guarded, "--db", "copy.db"),

@@ -157,8 +157,10 @@ def find_sweep(connection: Connection, prefix: str) -> StoredSweep:
     query = select(sweep.c.key).where(or_(false(), *ranges)).order_by(sweep.c.key).limit(4)
     keys = list(connection.scalars(query))
     if not keys:
-        remedy = "'fraexp list' shows the runs and their studies, 'fraexp show RUN' its sweeps"
-        raise StoreError(f"no sweep's key starts with '{prefix}'; {remedy}")
+        raise StoreError(
+            f"no sweep's key starts with '{prefix}', and no study of this name has been run; 'fraexp list' shows the "
+            "runs and their studies, 'fraexp show RUN' its sweeps, and 'fraexp run STUDY' computes a study"
+        )
     if len(keys) > 1:
         some = ", ".join(keys[:3]) + (", ..." if len(keys) > 3 else "")
         raise StoreError(f"several sweeps' keys start with '{prefix}': {some}; give more characters")
