@@ -22,7 +22,7 @@ ENCODERS = ((0.0, 0.0), (1e-7, 0.0), (1e-7, 30e-9))
 GAINS = {"motor": (1000.0, 0.04), "load": (250.0, 0.06)}
 """Proportional gain over mass [1/s²] and derivative time [s], by the position that is fed back."""
 WRONG = ({"motor": 1.05}, {"load": 1.05}, {"motor": 0.95}, {"load": 0.95})
-DRAWS = [0, *(thorough(number) for number in range(1, 12))]
+DRAWS = [0, *(thorough(number) for number in range(1, 6))]
 
 
 class Drive(NamedTuple):
