@@ -10,7 +10,7 @@ encoder         Loops with 30 nm of noise and an encoder of 0.1 µm, 12 N, 8 per
                 whose friction model is right, must cover P(jω); that of the conventional one the response of the
                 machine in its loop: true displacement over input, the mean of 200 other seeds. `shift` is by how much
                 rounding, which repeats with the motion, moves that response. `stated` is the share of sweeps whose
-                message says that the band may cover less there: these need not. With 40 steps per sample the error of
+                finding says that the band may cover less there: these need not. With 40 steps per sample the error of
                 the numerics is below the noise
 single-period   Rounding in a single period depends on where on the scale the machine moves: at random places within one
                 quantisation step, with noise and without, the circle must cover 91 % over all places and frequencies
@@ -21,7 +21,6 @@ leakage         A free mass with a mode, in closed loop, and windows of 1 s: eac
                 the bands cover 93 %. Of sound records of random machines at most 2 % may raise an alarm
 """
 
-import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -57,7 +56,7 @@ from fraexp.analysis.confidence import (
     degrees_of_freedom,
     inverse_covariance,
 )
-from fraexp.api import phasors
+from fraexp.api import Result, phasors
 from fraexp.components.kinds import Estimator, Excitation, Plant
 from fraexp.components.registry import create
 from fraexp.data.results import FrequencyResponse, Outcome
@@ -92,7 +91,6 @@ OTHER: dict[str, Any] = {
 DAMPED = {**OTHER["friction"], "viscous_coefficient": 2.0, "damping": [300, 200, 150, 100, 60, 30, 15]}
 MACHINES: dict[str, dict[str, Any]] = {"paper": PAPER, "other": OTHER, "damped": {**OTHER, "friction": DAMPED}}
 METHODS = ("effective_input", "conventional")
-STATED = re.compile(r"band may cover less than 95 % at [^(]*\((\S+)(?: to (\S+))? Hz\)")
 TRUTH_SEEDS, FIRST_TRUTH_SEED = 200, 50_000_000
 """Experiments that show what the machine does in its loop, and their first seed."""
 SEEDS_PER_BATCH = 50
@@ -197,13 +195,11 @@ def circle_radius(covariance: np.ndarray, freedom: np.ndarray) -> np.ndarray:
     return np.sqrt(trace * f_distribution.ppf(CONFIDENCE_LEVEL, own, np.minimum(freedom, 1e6)))
 
 
-def is_stated(message: str, frequency: np.ndarray) -> np.ndarray:
-    """Return whether a message says that the band may cover less, shape (n,)."""
-    stated = np.zeros(frequency.size, dtype=bool)
-    for found in STATED.finditer(message):
-        low, high = float(found[1]), float(found[2] or found[1])
-        stated |= (frequency >= low * (1 - 1e-3)) & (frequency <= high * (1 + 1e-3))
-    return stated
+def is_stated(result: Result, frequency: np.ndarray) -> np.ndarray:
+    """Return whether a finding says that the band may cover less, shape (n,)."""
+    return np.isin(
+        frequency, [at for found in result.findings if found.kind == "weak terms" for at in found.frequencies]
+    )
 
 
 def encoder(bench: Bench) -> None:
@@ -221,7 +217,7 @@ def _encoder_rows(bench: Bench, name: str, method: str) -> None:
     responses = [response_of(result) for result in found]
     truth, shift = response_in_loop(sections, method, responses[0].frequency)
     hits = np.array([covered(response, truth) for response in responses])
-    stated = np.array([is_stated(result.message, responses[0].frequency) for result in found])
+    stated = np.array([is_stated(result, responses[0].frequency) for result in found])
     honest = (hits | stated[:, None]).mean(axis=0)[[0, 2, 3]].min(axis=0)
     ratios = np.array([response.response / truth for response in responses])
     slack, shares = TOLERANCE + chance(CONFIDENCE_LEVEL, len(found)), hits.mean(axis=0)

@@ -139,7 +139,7 @@ def chosen(bench: Bench) -> None:
         signals, began = record(machine), time.process_time()
         models = candidates(machine, laws, bench.generator(machine.number), bench.options.blind)
         result = choose(machine, signals, models)
-        seconds, known, law = time.process_time() - began, metrics_of(result), result.message.split(" ", 1)[0]
+        seconds, known, law = time.process_time() - began, metrics_of(result), result.findings[0].place or "none"
         right, silent = right + (law == machine.law), silent + (law == "none")
         left = {law: known[f"{law}: held-out residual"] for law in laws if f"{law}: held-out residual" in known}
         texts = ", ".join(f"{law} {ratio:.3g}" for law, ratio in left.items())

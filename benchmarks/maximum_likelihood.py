@@ -175,7 +175,7 @@ def laws(bench: Bench) -> None:
     names = list(LAWS)[:3] if bench.reduced else list(LAWS)
     for true, model in product(names, names):
         result, ratio = estimated(20, LAWS[model], friction=LAWS[true])
-        is_right = ("the model does not fit" in result.message) == (true != model)
+        is_right = any(found.kind == "misfit" for found in result.findings) == (true != model)
         residual = metrics_of(result)["residual over expectation"]
         text = f"{result.outcome.name}, residual {residual:.4g}, {errors_text(ratio)}"
         bench.row(f"{true} seen by {model}", text, is_right)

@@ -114,7 +114,7 @@ def _finding(
     plant = machine.reference.plant(np.array([frequency]))[0]
     ratios = first.response[index] / truth.value, second.response[index] / plant
     # settled points of a sweep of which others are not settled count, unless its message doubts all of them
-    certain = [sweep.outcome.name in ("OK", "NOT_SETTLED") and "; " not in sweep.message for sweep in sweeps]
+    certain = [sweep.outcome.name in ("OK", "NOT_SETTLED") and len(sweep.findings) < 2 for sweep in sweeps]
     return Finding(
         frequency, float(first.output_amplitude[index]), abs(ratios[0] - 1), abs(ratios[1] - 1),
         _is_in_band(second, index, 1 / ratios[1]), truth.error,

@@ -5,8 +5,8 @@ from fraexp.analysis.confidence import circle_factor, degrees_of_freedom
 from fraexp.analysis.delays import hold_response, image_factor, path_response
 from fraexp.analysis.fourier import fourier_sums, phasors, record_spectrum
 from fraexp.analysis.quantisation import grid_step, phasor_variance, rounding_symmetry
-from fraexp.analysis.response import response_result
-from fraexp.analysis.steady_motion import steady_motion_text
+from fraexp.analysis.response import response_result, silence
+from fraexp.analysis.steady_motion import find_steady_motion
 from fraexp.analysis.verdict import Accuracy, BandReach
 from fraexp.components.kinds import (
     Controller,
@@ -30,6 +30,7 @@ from fraexp.components.periods import Feedforward, Period, Schedule
 from fraexp.components.ports import Contact, Ports, StateSpace
 from fraexp.components.position_dependence import PositionDependentFriction
 from fraexp.components.registry import component_modules, hookimpl
+from fraexp.data.findings import Finding, Quantity, at_worst, remarks
 from fraexp.data.frequency_text import frequency_text
 from fraexp.data.record_table import RecordTable
 from fraexp.data.results import HARMONICS, Curve, Fit, FrequencyResponse, Metric, Outcome, Result
@@ -56,6 +57,7 @@ __all__ = [
     "Estimator",
     "Excitation",
     "Feedforward",
+    "Finding",
     "Fit",
     "FraexpError",
     "FrequencyResponse",
@@ -77,6 +79,7 @@ __all__ = [
     "PlayRequest",
     "Ports",
     "PositionDependentFriction",
+    "Quantity",
     "RecordError",
     "RecordReader",
     "RecordTable",
@@ -89,11 +92,13 @@ __all__ = [
     "Settling",
     "Signals",
     "StateSpace",
+    "at_worst",
     "cached_arrays",
     "circle_factor",
     "component_modules",
     "degrees_of_freedom",
     "did_you_mean",
+    "find_steady_motion",
     "fourier_sums",
     "frequency_text",
     "grid_step",
@@ -108,11 +113,12 @@ __all__ = [
     "read_header",
     "read_samples",
     "record_spectrum",
+    "remarks",
     "replay",
     "response_result",
     "rounding_symmetry",
+    "silence",
     "simulate_loop",
-    "steady_motion_text",
     "where",
     "workspace_path",
 ]

@@ -10,11 +10,14 @@ BEGINNING = 3
 
 
 class FraexpError(Exception):
-    """Base of all errors that a user can mend; its text is one line."""
+    """Base of all errors that a user can mend; its text is one line.
+
+    Parts of it may be quantities, whose units are others for a rotary axis.
+    """
 
     def __str__(self) -> str:
         """Return the text in one line, whatever a plugin's own error that it quotes looks like."""
-        return " ".join(super().__str__().split("\n"))
+        return " ".join("".join(map(str, self.args)).split("\n"))
 
 
 class StudyError(FraexpError):

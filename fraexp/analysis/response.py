@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from fraexp.analysis.fourier import PeriodicSpectrum, harmonic_phasors, mean_spectrum, response_covariance
 from fraexp.analysis.quantisation import line_variance
-from fraexp.analysis.steady_motion import steady_motion_text
+from fraexp.analysis.steady_motion import find_steady_motion
+from fraexp.data.findings import Finding, at_worst
 from fraexp.data.frequency_text import frequency_text
 from fraexp.data.results import HARMONICS, FrequencyResponse, Outcome, Result
 from fraexp.data.signals import Segment, Signals
@@ -41,18 +42,11 @@ class Transient(NamedTuple):
         return self.error > MAX_ERROR
 
     @property
-    def message(self) -> str:
-        """Where the record had not settled, how much it matters and what helps; empty if nowhere."""
+    def finding(self) -> Finding | None:
+        """Where the record had not settled, and how much it matters; None if nowhere."""
         if not self.is_large.any():
-            return ""
-        worst = int(np.argmax(self.error))
-        decibels = 20 * np.log10(1 + self.error[worst])
-        return (
-            f"the machine was still settling at {self.is_large.sum()} of {self.error.size} frequencies "
-            f"({frequency_text(self.frequency[self.is_large])}): at {self.frequency[worst]:.4g} Hz the mean over the "
-            f"periods is off by {decibels:.2g} dB or more; leave the first periods out (skip_periods, --skip-periods), "
-            "or wait before each frequency"
-        )
+            return None
+        return at_worst("still settling", self.frequency, self.is_large, self.error, "mean over the periods off by")
 
 
 def find_transient(
@@ -149,7 +143,7 @@ def response_result(
     same lines.
     """
     if not signals.segments:
-        return Result(signals.outcome, signals.message)
+        return Result(signals.outcome, signals.findings)
     if not all(segment.periodic for segment in signals.segments):
         raise RecordError(NOT_PERIODIC)
     _check_realisations(signals.segments)
@@ -190,22 +184,21 @@ def response_result(
         coherence=_stated_coherence(signals.segments),
     )
     if silent.all() and signals.outcome is Outcome.OK:
-        return Result(Outcome.NO_MOTION, _silence_text(frequency, silent), response)
-    doubts = [_silence_text(frequency, silent), transient.message, steady_motion_text(repeated, names[1], units[1])]
-    outcome, message = signals.outcome, "; ".join(filter(None, (*doubts, signals.message)))
-    if any(doubts) and outcome is Outcome.OK:
-        outcome = Outcome.INACCURATE
-    if not message and any(known and known.time == 0 and known.settled for known in settlings):
-        message = "recorded from rest: the transient is in the response, which a mean over periods does not take off"
-    return Result(outcome, message, response)
+        return Result(Outcome.NO_MOTION, (silence(frequency, silent),), response)
+    doubts = (
+        silence(frequency, silent) if silent.any() else None,
+        transient.finding,
+        find_steady_motion(repeated, names[1], units[1]),
+    )
+    found = Result(signals.outcome, (), response).with_findings(*doubts, is_doubt=True)
+    found = found.with_findings(*signals.findings)
+    from_rest = any(known and known.time == 0 and known.settled for known in settlings)
+    return found.with_findings(Finding("from rest") if from_rest and not found.findings else None)
 
 
-def _silence_text(frequency: NDArray[np.float64], silent: NDArray[np.bool_]) -> str:
-    """Return at which frequencies [Hz] there is no response, because nothing moves; empty if there are none."""
-    if not silent.any():
-        return ""
-    places = f"{silent.sum()} of {silent.size} frequencies ({frequency_text(frequency[silent])})"
-    return f"at {places} input or output does not move"
+def silence(frequency: NDArray[np.float64], silent: NDArray[np.bool_]) -> Finding:
+    """Return at which frequencies [Hz] there is no response, because nothing moves; at least one."""
+    return Finding("no motion", (), tuple(map(float, frequency[silent])), silent.size)
 
 
 def _known_variance(signals: Signals, segment: Segment, outputs: NDArray[np.complex128], output: str) -> float:

@@ -21,7 +21,7 @@ VERDICT_WORDS = {"passed": "pass", "skipped": "skip", "expected": "expected", "n
 VERDICT_WIDTH, NAME_WIDTH = 8, 15
 """Widths of the first two columns of the report."""
 INDENT = " " * (VERDICT_WIDTH + NAME_WIDTH + 5)
-Finding = dict[str, Any]
+CheckLine = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class CheckStarted:
     """Names and meanings of the checks."""
     left_out: list[str]
     """Names of the checks that a quick check omits."""
-    findings: list[Finding] = field(default_factory=list)
+    findings: list[CheckLine] = field(default_factory=list)
 
     @property
     def title(self) -> str:
@@ -43,12 +43,12 @@ class CheckStarted:
         return f"{self.component['kind']} {self.component['name']}"
 
     @property
-    def wrong(self) -> list[Finding]:
+    def wrong(self) -> list[CheckLine]:
         """The findings that need a correction."""
         return [found for found in self.findings if is_wrong(found)]
 
 
-def is_wrong(found: Finding) -> bool:
+def is_wrong(found: CheckLine) -> bool:
     """Return whether a finding needs a correction."""
     return found["verdict"] in ("failed", "unexpected")
 
@@ -127,7 +127,7 @@ def execute(arguments: Namespace) -> ExitCode:
     return ExitCode.OK if all(report["sound"] for report in reports) else ExitCode.INCOMPLETE
 
 
-Step = tuple[Literal["begin", "finding", "end"], CheckStarted, Finding]
+Step = tuple[Literal["begin", "finding", "end"], CheckStarted, CheckLine]
 
 
 def _follow(lines: Iterable[dict[str, Any]]) -> Iterator[Step]:
@@ -163,7 +163,7 @@ def _document(started: CheckStarted) -> dict[str, object]:
     return {**started.component, "sound": not started.wrong, "checks": checks, "left_out": started.left_out}
 
 
-def _print(step: str, started: CheckStarted, found: Finding, is_quick: bool) -> None:
+def _print(step: str, started: CheckStarted, found: CheckLine, is_quick: bool) -> None:
     """Print a line for each check, and a summary; of a quick check the failures, and the names of all others."""
     if step == "begin" and is_quick:
         of = f" of {len(started.checks) + len(started.left_out)}" if started.left_out else ""
@@ -181,7 +181,7 @@ def _print(step: str, started: CheckStarted, found: Finding, is_quick: bool) -> 
         say(_summary(started, is_quick))
 
 
-def _print_finding(started: CheckStarted, found: Finding) -> None:
+def _print_finding(started: CheckStarted, found: CheckLine) -> None:
     """Print a finding; a reason that was printed before is replaced by the name of that check."""
     head = VERDICT_WORDS.get(found["verdict"], "FAIL")
     print_line(f"  {head:<{VERDICT_WIDTH}}  {found['name']:<{NAME_WIDTH}} {found['meaning']}", INDENT)

@@ -17,15 +17,21 @@ def run_document(run: RunSummary) -> dict[str, Any]:
 
 def listed_document(sweep: StoredSweep) -> dict[str, Any]:
     """Return what a listing shows of a sweep, with the names of its components instead of their parameters."""
-    document: dict[str, Any] = json_value(asdict(sweep))
+    document = _document(sweep)
     names = {kind: sweep.component(kind) for kind in ("estimator", "friction", "plant", "controller", "excitation")}
     del document["experiment"], document["sources"]
     return {**document, **names, "source": sweep.experiment.get("source")}
 
 
+def _document(sweep: StoredSweep) -> dict[str, Any]:
+    document: dict[str, Any] = json_value(asdict(sweep))
+    del document["failure"]
+    return {**document, "message": sweep.message}
+
+
 def sweep_document(sweep: StoredSweep, result: Result | None, points: bool = True) -> dict[str, Any]:
     """Return a sweep with its metrics and, with `points`, its response."""
-    document: dict[str, Any] = json_value(asdict(sweep))
+    document = _document(sweep)
     document["remedy"] = remedy_text(sweep)
     if result is not None:
         document["metrics"] = json_value([asdict(metric) for metric in result.metrics])

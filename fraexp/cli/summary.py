@@ -16,7 +16,7 @@ from fraexp.figures.elements.label_units import label_units
 from fraexp.figures.elements.labels import MAX_GROUPS, label_columns, label_texts
 from fraexp.store import StoredSweep
 from fraexp.views.fields import outcome_text
-from fraexp.views.text_tables import Quantity, label_values, magnitudes, metric_quantities, sweep_table
+from fraexp.views.text_tables import SweepNumbers, label_values, magnitudes, metric_quantities, sweep_table
 from fraexp.views.words import plural, short_key
 
 MAX_LISTED_SWEEPS = 40
@@ -45,7 +45,7 @@ def print_summary(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], 
     groups, sampled = _row_groups([sweep.labels for sweep in sweeps], units)
     found = [results.get(sweep.key) for sweep in sweeps]
     metrics = metric_quantities(found, is_whole=True)
-    drawn = [Quantity(title, np.array(values, dtype=float)) for title, values in varied]
+    drawn = [SweepNumbers(title, np.array(values, dtype=float)) for title, values in varied]
     rows = quantile_rows(drawn, [""] * len(sweeps), False)
     rows += quantile_rows([_settled_shares(found), *_magnitudes(found), *metrics], groups, sampled)
     print_table(QUANTILE_COLUMNS, rows)  # without columns that are empty
@@ -93,7 +93,7 @@ def counts_of_texts(texts: Sequence[str]) -> str:
     return ", ".join(f"{count} {text}" if len(found) > 1 else text for text, count in found.items())
 
 
-def quantile_rows(quantities: Sequence[Quantity], groups: Sequence[str], sampled: bool) -> list[list[str]]:
+def quantile_rows(quantities: Sequence[SweepNumbers], groups: Sequence[str], sampled: bool) -> list[list[str]]:
     """Return a row under `QUANTILE_COLUMNS` for each quantity and group that has values, counted if some have none.
 
     Only a group that is `sampled` at random has quantiles: those of a grid are those of whoever chose it.
@@ -110,7 +110,9 @@ def quantile_rows(quantities: Sequence[Quantity], groups: Sequence[str], sampled
     return rows
 
 
-def worst_rows(metrics: Sequence[Quantity], groups: Sequence[str], sweeps: Sequence[StoredSweep]) -> list[list[str]]:
+def worst_rows(
+    metrics: Sequence[SweepNumbers], groups: Sequence[str], sweeps: Sequence[StoredSweep]
+) -> list[list[str]]:
     """Return a row under `WORST` for each metric and group that was drawn at random: its greatest magnitude."""
     rows = []
     for metric in metrics:
@@ -127,12 +129,12 @@ def worst_rows(metrics: Sequence[Quantity], groups: Sequence[str], sweeps: Seque
     return rows
 
 
-def _settled_shares(results: Sequence[Result | None]) -> Quantity:
+def _settled_shares(results: Sequence[Result | None]) -> SweepNumbers:
     responses = [result.response if result else None for result in results]
     share = [100 * of.settled.mean() if of and len(of.frequency) else np.nan for of in responses]
-    return Quantity("settled [%]", np.array(share, dtype=float))
+    return SweepNumbers("settled [%]", np.array(share, dtype=float))
 
 
-def _magnitudes(results: Sequence[Result | None]) -> list[Quantity]:
+def _magnitudes(results: Sequence[Result | None]) -> list[SweepNumbers]:
     found, unit = magnitudes(results)
     return [replace(of, title=f"{of.title} [dB re 1 {unit}]") for of in found]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.law_step import law_place
 from fraexp.components.registry import LOCAL, Registry, create, discover, reason_of
+from fraexp.data.findings import Quantity
 from fraexp.data.identity import file_hash
 from fraexp.data.sweep import components_by_port
 from fraexp.errors import FraexpError, PluginError
@@ -204,8 +205,9 @@ def _check_properties(model: FrictionModel) -> None:
             raise PluginError(f"{subject} has another {name} each time; expected one that follows from the parameters")
     slope = model.stiffness_in_step(NO_RATE_S)
     if "stiffness" not in model.expected_failures and slope > model.max_stiffness * (1 + SLOPE_TOLERANCE):
-        found = f"has a slope of {slope:.5g} N/m at rest, and a max_stiffness of {model.max_stiffness:.5g} N/m"
-        raise PluginError(f"{subject} {found}; expected that no slope exceeds it (check 'stiffness')")
+        found = (Quantity(slope, "N/m"), " at rest, and a max_stiffness of ", Quantity(model.max_stiffness, "N/m"))
+        remedy = "; expected that no slope exceeds it (check 'stiffness')"
+        raise PluginError(f"{subject} has a slope of ", *found, remedy)
 
 
 def _check_arguments(model: FrictionModel) -> None:

@@ -16,6 +16,7 @@ from fraexp.components.machine_session import MachineSession, offers_disable
 from fraexp.components.parameters import Parameters
 from fraexp.components.periods import Period, Schedule
 from fraexp.components.ports import Ports, StateSpace
+from fraexp.data.findings import Finding
 from fraexp.data.record_table import RecordTable
 from fraexp.data.results import Result
 from fraexp.data.signals import Segment, Signals
@@ -312,9 +313,9 @@ class Excitation(Component, ABC):
         """Return the maximum force [N] and stroke [m] of revised periods; None for one that `periods` shows."""
         return None, None
 
-    def remark(self, segments: Sequence[Segment]) -> str:
-        """Return a remark on the record, such as a target that was missed; empty for none."""
-        return ""
+    def findings(self, segments: Sequence[Segment]) -> tuple[Finding, ...]:
+        """Return what is to be known of the record, such as a target that was missed; empty for nothing."""
+        return ()
 
     def feedforward(self, sample_time: float) -> "Feedforward | None":
         """Return the feedforward of a motion from target to target, or None for an excitation that is none."""

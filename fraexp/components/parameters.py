@@ -1,14 +1,14 @@
 """Named values with unit, meaning and bounds: declared once, for TOML, help, forms, docs and tests."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Self, cast, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 from pydantic.fields import FieldInfo
 
 from fraexp.data import toml, units
-from fraexp.data.rotary_axes import rotary_text, rotary_unit
+from fraexp.data.rotary_axes import rotary_unit, to_rotary_units
 from fraexp.errors import ParameterError, did_you_mean
 
 REQUIRED: Any = ...
@@ -125,10 +125,12 @@ class Parameters(BaseModel, metaclass=_Constructor):
         try:
             return cls.model_validate(data, context=ROTARY if rotary else None)
         except ValidationError as error:
-            sentence = _validation_sentence(cls, title, data, error)
+            raise ParameterError(_validation_sentence(cls, title, data, error, rotary=rotary)) from None
         except ParameterError as error:
-            sentence = _titled(title, str(error))
-        raise ParameterError(rotary_text(sentence) if rotary else sentence)
+            found = ParameterError(_title_for(title, str(error)), *error.args)
+            if rotary:
+                to_rotary_units(found)
+            raise found from None
 
     def plain(self) -> dict[str, Any]:
         """Return plain data from which `parse` builds an equal object."""
@@ -184,46 +186,46 @@ BOUNDS = {
 }
 
 
-def _validation_sentence(cls: type[Parameters], title: str, data: Mapping[str, Any], error: ValidationError) -> str:
-    return _error_sentence(cls, title, data, error.errors(include_url=False))
-
-
-def _error_sentence(cls: type[Parameters], title: str, data: Mapping[str, Any], all_found: Sequence[Any]) -> str:
-    found = next(
+def _validation_sentence(
+    cls: type[Parameters], title: str, data: Mapping[str, Any], error: ValidationError, *, rotary: bool = False
+) -> str:
+    all_found = error.errors(include_url=False)
+    found: Any = next(
         (one for one in all_found if one["type"] == "extra_forbidden"), all_found[0]
     )  # a slip of the pen first
     cls, title, data, loc = _innermost_table(cls, title, data, found["loc"])
     place = ".".join(str(part) for part in loc)
     name = str(loc[0]) if loc else ""
     info = cls.model_fields.get(name)
+    unit = units.with_powers(unit_of(info, rotary=rotary)) if info is not None else ""
     match found["type"]:
         case "extra_forbidden":
             return f"{title} has no parameter '{name}'{did_you_mean(name, cls.model_fields)}"
         case "tuple_type" if info is not None and len(loc) == 1:
             given = json.dumps(data[name], default=str)
-            what = f"{info.description}, {unit_of(info) or _kind_of(info)}"
+            what = f"{info.description}, {unit or _kind_of(info)}"
             return f"{title}.{name} is {given} ({what}); expected a list, such as [{given}]"
         case "missing" if info is not None:
             source = inherited_from(info)
             remedy = f"; state it here, or '{source}' in the study" if source else ""
-            return f"{title} lacks '{name}' ({info.description}, {unit_of(info) or _kind_of(info)}){remedy}"
+            return f"{title} lacks '{name}' ({info.description}, {unit or _kind_of(info)}){remedy}"
         case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal" if info is not None:
-            bound = f"{BOUNDS[found['type']]} {next(iter(found['ctx'].values())):g} {unit_of(info)}".removesuffix(" 1")
+            bound = f"{BOUNDS[found['type']]} {next(iter(found['ctx'].values())):g} {unit}".removesuffix(" 1")
             return f"{title}.{place} is {toml.as_text(found['input'])}; the {info.description} must be {bound}"
     expected = found["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-    what = f" ({info.description}, {unit_of(info) or _kind_of(info)})" if info is not None else ""
+    what = f" ({info.description}, {unit or _kind_of(info)})" if info is not None else ""
     if len(loc) == 1 and isinstance(found["input"], list | tuple):
         expected += "; a study varies it in [grid]"
     return (
         f"{title}.{place} is {toml.as_text(found['input'])}{what}; expected {expected}"
         if place
-        else _titled(title, expected)
+        else f"{_title_for(title, expected)}{expected}"
     )
 
 
-def _titled(title: str, sentence: str) -> str:
-    """Return a sentence that begins with the owner's name, which some conditions state themselves."""
-    return sentence if sentence.startswith((f"{title}.", f"{title}:", f"{title} ")) else f"{title}: {sentence}"
+def _title_for(title: str, sentence: str) -> str:
+    """Return the owner's name as it begins a sentence; empty for a condition that states it itself."""
+    return "" if sentence.startswith((f"{title}.", f"{title}:", f"{title} ")) else f"{title}: "
 
 
 def _innermost_table(

@@ -63,7 +63,7 @@ class PositionDependence(Parameters):
             found = f"{len(given)} positions and {len(ratios)} force_ratios"
             raise ParameterError(f"{POSITION_DEPENDENCE} has {found}; expected two or more, and as many of each")
         if any(above <= below for below, above in itertools.pairwise(given)):
-            raise ParameterError(f"{POSITION_DEPENDENCE}.positions are {list(given)} m; expected ascending ones")
+            raise ParameterError(f"{POSITION_DEPENDENCE}.positions are {list(given)}; expected ascending ones")
         if min(ratios, default=1.0) <= 0:
             raise ParameterError(f"{POSITION_DEPENDENCE}.force_ratios contain {min(ratios):g}; expected all above 0")
         if self._ripple >= 1:

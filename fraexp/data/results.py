@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.data.findings import Finding, message_of, remarks
+
 HARMONICS = 7
 """Highest harmonic of the output that is kept with each frequency."""
 
@@ -156,8 +158,8 @@ class Result:
     """All that one sweep has taught."""
 
     outcome: Outcome
-    message: str = ""
-    """What exactly happened, in one line; empty when all is well."""
+    findings: tuple[Finding, ...] = ()
+    """Doubts about it, and causes of its outcome; empty when all is well."""
     response: FrequencyResponse | None = None
     metrics: tuple[Metric, ...] = ()
     curves: tuple[Curve, ...] = ()
@@ -166,6 +168,18 @@ class Result:
     """How the signals were simulated, such as ``5 steps per sample, 8 lanes``; empty for measured ones."""
     elapsed: float = field(default=0.0, compare=False)
     """Computing time [s] of this sweep (its share, where sweeps share an experiment)."""
+
+    @property
+    def message(self) -> str:
+        """What exactly happened, in one line; empty when all is well."""
+        return message_of(self.findings)
+
+    def with_findings(self, *found: Finding | str | None, is_doubt: bool = False) -> "Result":
+        """Return a result with further findings, of which a text is a remark; with one that is a doubt it is not ok."""
+        more = remarks(*found)
+        doubted = is_doubt and bool(more) and self.outcome is Outcome.OK
+        outcome = Outcome.INACCURATE if doubted else self.outcome
+        return replace(self, outcome=outcome, findings=(*self.findings, *more))
 
     @property
     def parity_levels(self) -> dict[str, NDArray[np.float64]]:

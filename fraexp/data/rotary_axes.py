@@ -10,19 +10,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
+from fraexp.data.findings import Finding, Quantity
 from fraexp.data.results import Curve, Fit, Metric, Result
 from fraexp.data.signals import Signals
-from fraexp.data.units import with_powers
+from fraexp.errors import FraexpError
 
 ENERGY = "N m"
 """Unit of work, whether by a force along a path or by a torque along an angle."""
 WORD = re.compile(r"(?<![A-Za-zµμ])(kg|[kMmuµμn]?N|[kcmuµμn]?m)(?![A-Za-z])")
 """A unit that differs between both kinds of axes, with its prefix."""
-IN_TEXT = re.compile(
-    r"(?:(?<=\d )|(?<=\d\) )|(?<=\bin )|(?<=expected )|(?<=, )(?=[\w/*²µ ]+\)))"
-    r"(?:kg|[kMmuµμn]?N|[kcmuµμn]?m)(?: s)?(?:\*\*2|²)?(?:/(?:\([^)]*\)|[µμmunk]?m|N|s²|s\*\*2|s))?(?![\w*/])"
-)
-"""A unit after a number, or after words that a unit follows, in a message."""
 ANGLE, TORQUE = re.compile(r"\b[mµμun]?rad\b"), re.compile(r"\bN ?\*? ?m\b")
 
 
@@ -65,9 +61,10 @@ def linear_unit(unit: str) -> str:
     return TORQUE.sub("N", unit.replace("rad", "m"))
 
 
-def rotary_text(text: str) -> str:
-    """Return a message in which numbers have the units of a rotary axis: ``12 N`` → ``12 N m``."""
-    return IN_TEXT.sub(lambda found: with_powers(rotary_unit(found[0])), text)
+def to_rotary_units(error: BaseException) -> None:
+    """Give the quantities of an error the units of a rotary axis: ``12 N`` → ``12 N m``."""
+    if isinstance(error, FraexpError):
+        error.args = tuple(_rotary_quantity(of) if isinstance(of, Quantity) else of for of in error.args)
 
 
 def as_linear(signals: Signals) -> Signals:
@@ -81,7 +78,7 @@ def rotary_signals(signals: Signals) -> Signals:
         signals,
         units={name: rotary_unit(unit) for name, unit in signals.units.items()},
         metrics=_rotary_metrics(signals.metrics),
-        message=rotary_text(signals.message),
+        findings=tuple(map(_rotary_finding, signals.findings)),
     )
 
 
@@ -90,12 +87,20 @@ def rotary_result(result: Result) -> Result:
     response = result.response
     return replace(
         result,
-        message=rotary_text(result.message),
+        findings=tuple(map(_rotary_finding, result.findings)),
         response=response and replace(response, unit=rotary_unit(response.unit)),
         metrics=_rotary_metrics(result.metrics),
         curves=tuple(_rotary_curve(curve) for curve in result.curves),
         fits=tuple(_rotary_fit(fit) for fit in result.fits),
     )
+
+
+def _rotary_finding(finding: Finding) -> Finding:
+    return replace(finding, quantities=tuple(map(_rotary_quantity, finding.quantities)))
+
+
+def _rotary_quantity(quantity: Quantity) -> Quantity:
+    return replace(quantity, unit=rotary_unit(quantity.unit))
 
 
 def _rotary_metrics(metrics: Iterable[Metric]) -> tuple[Metric, ...]:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.data.findings import Finding, Quantity, message_of
 from fraexp.data.results import Metric, Outcome
 from fraexp.errors import RecordError, did_you_mean
 
@@ -126,7 +127,8 @@ class Signals:
     units: Mapping[str, str]
     """Unit of each channel."""
     outcome: Outcome = Outcome.OK
-    message: str = field(default="")
+    findings: tuple[Finding, ...] = ()
+    """Doubts about them, and the cause of their outcome."""
     numerics: str = ""
     """How they were simulated; empty for measured ones."""
     metrics: tuple[Metric, ...] = ()
@@ -137,6 +139,11 @@ class Signals:
     """What shows how exact a simulation is; None for a record."""
 
     @property
+    def message(self) -> str:
+        """What exactly happened, in one line; empty when all is well."""
+        return message_of(self.findings)
+
+    @property
     def are_stated(self) -> bool:
         """Whether they stand for a response that was measured elsewhere."""
         return any(segment.stated for segment in self.segments)
@@ -144,20 +151,19 @@ class Signals:
     def check_values(self) -> None:
         """Raise RecordError for a channel whose squares are beyond floating point, or that has no numbers."""
         if self._value_fault:
-            raise RecordError(self._value_fault)
+            raise RecordError(*self._value_fault)
 
     @cached_property
-    def _value_fault(self) -> str:
-        """What is wrong with the samples, in words; empty if nothing is. Several estimators ask for it."""
+    def _value_fault(self) -> tuple[object, ...]:
+        """What is wrong with the samples, as parts of an error; empty if nothing is. Several estimators ask for it."""
         for name in dict.fromkeys(name for segment in self.segments for name in segment.channels):
             sizes = _magnitudes([segment.channels[name] for segment in self.segments if name in segment.channels])
             wrong = sizes[~((sizes == 0) | ((sizes > 1 / MAX_MAGNITUDE) & (sizes < MAX_MAGNITUDE)))]
             if wrong.size:
-                return (
-                    f"channel '{name}' reaches {wrong[0]:.3g} {self.units.get(name, '')}; expected numbers between "
-                    f"{1 / MAX_MAGNITUDE:g} and {MAX_MAGNITUDE:g}: correct its column, unit or scale"
-                )
-        return ""
+                reached = Quantity(float(wrong[0]), self.units.get(name, ""))
+                expected = f"expected numbers between {1 / MAX_MAGNITUDE:g} and {MAX_MAGNITUDE:g}"
+                return f"channel '{name}' reaches ", reached, f"; {expected}: correct its column, unit or scale"
+        return ()
 
     def unit(self, channel: str) -> str:
         """Return the unit of a channel; RecordError names the nearest one if it does not exist."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.components.kinds import Estimator
-from fraexp.data.frequency_text import frequency_text
+from fraexp.data.findings import Finding, Quantity, at_worst
 from fraexp.data.results import FrequencyResponse, Metric, Outcome, Result
 from fraexp.data.signals import Signals, Verification
 from fraexp.errors import FraexpError
@@ -44,7 +44,7 @@ def certify(estimator: Estimator, signals: Signals, result: Result, tolerance: f
     response = replace(result.response, numerical_error=found + own, settled=result.response.settled & ~stands)
     limit = tolerance if compensated is None else tolerance * COMPENSATED_ERROR_RATIO
     complaint = _complaint(response, found, limit, verification.remedy if compensated is None else MOTION_REMEDY)
-    return _with_standstill(_with_complaint(replace(result, response=response), complaint), stands)
+    return _with_standstill(replace(result, response=response).with_findings(complaint, is_doubt=True), stands)
 
 
 def _standing_error(response: FrequencyResponse, verification: Verification) -> NDArray[np.float64]:
@@ -62,12 +62,12 @@ def _with_standstill(result: Result, stands: NDArray[np.bool_]) -> Result:
     """Return a result that says at which frequencies its output stands, and has no response; the others keep theirs."""
     if result.response is None or not stands.any():
         return result
-    places = f"{stands.sum()} of {stands.size} frequencies ({frequency_text(result.response.frequency[stands])})"
-    message = f"at {places} friction holds {result.response.output}, which does not move"
+    frequencies = tuple(map(float, result.response.frequency[stands]))
+    held = Finding("held by friction", (), frequencies, stands.size, result.response.output)
     outcome = result.outcome
     if outcome in (Outcome.OK, Outcome.INACCURATE):
         outcome = Outcome.NO_MOTION if stands.all() else Outcome.INACCURATE
-    return replace(result, outcome=outcome, message="; ".join(filter(None, (message, result.message))))
+    return replace(result, outcome=outcome, findings=(held, *result.findings))
 
 
 def _certify_motion(result: Result, verification: Verification, tolerance: float) -> Result:
@@ -77,16 +77,9 @@ def _certify_motion(result: Result, verification: Verification, tolerance: float
         return result
     error = float(known.max())
     found = replace(result, metrics=(*result.metrics, Metric(NUMERICAL_ERROR, error, "1")))
-    off = f"the computation falsifies the motion or its force by {error:.2g} of its range: {verification.remedy}"
-    return _with_complaint(found, off if error > tolerance else "")
-
-
-def _with_complaint(result: Result, complaint: str) -> Result:
-    """Return a result with what its certificate complains of; with a complaint it is not ok."""
-    if not complaint:
-        return result
-    outcome = Outcome.INACCURATE if result.outcome is Outcome.OK else result.outcome
-    return replace(result, outcome=outcome, message="; ".join(filter(None, (result.message, complaint))))
+    share = Quantity(100 * error, "%", "error of the motion or its force over its range")
+    off = Finding("inexact computation", (share,), remedy=verification.remedy) if error > tolerance else None
+    return found.with_findings(off, is_doubt=True)
 
 
 def compensation_error(
@@ -112,7 +105,7 @@ def compensation_error(
 
 def _response_of(matched: Estimator, signals: Signals, verification: Verification) -> FrequencyResponse | None:
     """Return what an estimator finds along the verified segments; None if it needs more of them."""
-    verified = replace(signals, segments=verification.segments, outcome=Outcome.OK, message="", verification=None)
+    verified = replace(signals, segments=verification.segments, outcome=Outcome.OK, findings=(), verification=None)
     try:
         return matched.estimate(verified).response
     except FraexpError:
@@ -145,13 +138,9 @@ def spread_error(
     return np.asarray(np.maximum(values[left], values[right]))
 
 
-def _complaint(response: FrequencyResponse, error: NDArray[np.float64], limit: float, remedy: str) -> str:
-    """Return how far a response is off, where, and what helps; empty if its error is within the limit."""
+def _complaint(response: FrequencyResponse, error: NDArray[np.float64], limit: float, remedy: str) -> Finding | None:
+    """Return how far a response is off, where, and what helps; None if its error is within the limit."""
     beyond = response.settled & (np.nan_to_num(error, posinf=np.inf) > limit)
     if not beyond.any():
-        return ""
-    worst = int(np.argmax(np.where(beyond, error, 0.0)))
-    turn = np.degrees(np.arcsin(error[worst])) if error[worst] < 1 else 180.0
-    off = f"{20 * np.log10(1 + error[worst]):.2g} dB and {turn:.2g} deg"
-    places = f"at {beyond.sum()} of {beyond.size} frequencies ({frequency_text(response.frequency[beyond])})"
-    return f"the computation falsifies the response {places}, by {off} at {response.frequency[worst]:.4g} Hz: {remedy}"
+        return None
+    return at_worst("inexact computation", response.frequency, beyond, error, "response off by", remedy=remedy)

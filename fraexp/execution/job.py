@@ -11,8 +11,9 @@ from fraexp import records
 from fraexp.components.first_trial import first_trial, friction_specs
 from fraexp.components.kinds import Estimator, Excitation, FrictionModel
 from fraexp.components.registry import Registry, create, discover
+from fraexp.data.findings import Finding
 from fraexp.data.results import UNUSABLE_OUTCOMES, Result
-from fraexp.data.rotary_axes import are_rotary, as_linear, is_rotary, rotary_result, rotary_signals, rotary_text
+from fraexp.data.rotary_axes import are_rotary, as_linear, is_rotary, rotary_result, rotary_signals, to_rotary_units
 from fraexp.data.signals import Signals
 from fraexp.data.sweep import Plain
 from fraexp.errors import FraexpError, PluginError, RecordError
@@ -70,10 +71,9 @@ def _run_job(job: Job, progress: ReportProgress, begins: ReportEstimator) -> lis
             first_trial(spec, registry)
         signals = load_signals(job, registry, progress)
     except Exception as error:  # a plugin or a file may raise anything; the other experiments go on
-        failure = describe_failure(error)
         if is_rotary(job.experiment):
-            failure = replace(failure, message=rotary_text(failure.message))
-        return [failure] * len(job.estimators)
+            to_rotary_units(error)
+        return [describe_failure(error)] * len(job.estimators)
     shared = (time.perf_counter() - began) / len(job.estimators)
     answers = []
     for number, estimator in enumerate(job.estimators):
@@ -162,7 +162,8 @@ def apply_estimator(estimator: Estimator, signals: Signals, tolerance: float) ->
     try:
         return rotary_result(_apply_linear(estimator, as_linear(signals), tolerance))
     except FraexpError as error:
-        raise type(error)(rotary_text(str(error))) from error
+        to_rotary_units(error)
+        raise
 
 
 def _apply_linear(estimator: Estimator, signals: Signals, tolerance: float) -> Result:
@@ -177,6 +178,8 @@ def _apply_linear(estimator: Estimator, signals: Signals, tolerance: float) -> R
     result = estimator.estimate(signals)
     if not isinstance(result, Result):
         raise PluginError(f"{estimator.name} returns {result!r:.60}; expected a Result")
+    if not all(isinstance(found, Finding) for found in result.findings):
+        raise PluginError(f"{estimator.name} returns findings that are {result.findings!r:.60}; expected Findings")
     return certify(estimator, signals, result, tolerance)
 
 

@@ -122,7 +122,7 @@ def _as_stored(sweep: Sweep, result: Result) -> StoredSweep:
         estimator=dict(sweep.estimator),
         labels={},
         outcome=result.outcome,
-        message=result.message,
+        findings=result.findings,
         elapsed=result.elapsed,
         created=datetime.now(UTC),
         state="computed",

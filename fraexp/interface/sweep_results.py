@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.data.figure_kinds import check_kind
+from fraexp.data.findings import Finding
 from fraexp.data.results import UNUSABLE_OUTCOMES, FrequencyResponse, Result
 from fraexp.errors import FraexpError, ParameterError, StudyError
 from fraexp.figures.result_files import export, json_value
@@ -67,6 +68,11 @@ class SweepResult:
     def outcome(self) -> str:
         """``ok``, or the name of what went wrong, such as ``not_settled``."""
         return self.result.outcome.name.lower()
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Doubts about the result, and causes of its outcome, as data."""
+        return self.result.findings
 
     @property
     def message(self) -> str:

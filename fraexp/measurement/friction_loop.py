@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from fraexp.analysis.quantisation import grid_step
 from fraexp.components.machine_session import PlayRequest
 from fraexp.components.periods import Period
+from fraexp.data.findings import Quantity
 from fraexp.data.sample_file import SampleWriter
 from fraexp.errors import MachineError
 from fraexp.measurement.measured_points import store_chunk
@@ -135,25 +136,28 @@ class _LoopWatch:
         dry = (before * last - now * earlier) / (last - earlier) if last > earlier else now
         return min(dry, now)
 
-    def _standstill_text(self) -> str:
+    def _standstill(self) -> MachineError:
         """Return what a record without a loop shows; only an axis that stands lets a limit be raised."""
         swing, peak = max(self.swings, default=0.0), max(self.peaks, default=0.0)
         if not self.swings:
-            return "a limit was reached within the first cycle: compare limits, and units of y and u, with the axis"
-        if swing > STANDSTILL * self._noise:
-            return (
-                f"the axis moves by {swing:.3g} m up to {peak:.4g} N, which is too little beside the noise of "
-                f"{self._noise:.3g} m to show its friction: a finer encoder is needed"
+            return MachineError(
+                "a limit was reached within the first cycle: compare limits, and units of y and u, with the axis"
             )
-        return (
-            f"the axis does not move within its limits: nothing but noise was recorded up to {peak:.4g} N; enable the "
-            "drive, release the brake, check the encoder, or raise limits.force"
+        greatest = Quantity(peak, "N")
+        if swing > STANDSTILL * self._noise:
+            beside = (", which is too little beside the noise of ", Quantity(self._noise, "m"))
+            remedy = " to show its friction: a finer encoder is needed"
+            return MachineError("the axis moves by ", Quantity(swing, "m"), " up to ", greatest, *beside, remedy)
+        return MachineError(
+            "the axis does not move within its limits: nothing but noise was recorded up to ",
+            greatest,
+            "; enable the drive, release the brake, check the encoder, or raise limits.force",
         )
 
     def loop(self, noise: float, resolution: float) -> FrictionLoop:
         """Return what all cycles show."""
         if not self.peaks or not any(self.forces):
-            raise MachineError(self._standstill_text())
+            raise self._standstill()
         dry, now, free = self.dry_force(), self.forces[-1], FREE_RATIO * self.peaks[-1]
         took_most = bool(self.ratios.max() > CLOSED_RATIO)
         slides = took_most or dry > free  # of a heavy axis mass takes the most, and bristles may still bend

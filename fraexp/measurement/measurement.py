@@ -177,7 +177,7 @@ class Measurement:
                 continue
             except LimitExceededError as error:
                 if not self._settings.adapt_amplitude:
-                    raise LimitError(f"{error}{REMEDY_AFTER_LIMIT}") from error
+                    raise LimitError(*error.args, REMEDY_AFTER_LIMIT) from error
                 reason, spent, failure = str(error), spent + play.seconds, LimitError
                 point = point.with_amplitude(point.amplitude * min(AMPLITUDE_AFTER_LIMIT / error.reached, MAX_LOWERED))
                 continue

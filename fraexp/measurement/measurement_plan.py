@@ -11,6 +11,7 @@ from fraexp.components.machine_session import PlayRequest
 from fraexp.components.measurement_settings import MeasurementSettings, ramp_out_samples
 from fraexp.components.periods import Period
 from fraexp.components.registry import Registry, create
+from fraexp.data.findings import Quantity
 from fraexp.data.frequency_text import frequency_text
 from fraexp.data.signals import Segment
 from fraexp.errors import PlanError, StudyError
@@ -25,7 +26,7 @@ from fraexp.simulation.motion_limits import (
     NO_DEMAND,
     Demand,
     MotionLimits,
-    demand_text,
+    demand_name,
     encoder_noise_demand,
     predict_demand,
 )
@@ -292,10 +293,14 @@ def check_demands(points: Sequence[PlannedPoint], limits: MotionLimits, margin: 
         )
     place, column = divmod(int(np.argmax(shares)), shares.shape[1])
     name, unit, share = Demand._fields[column], DEMAND_UNITS[column], shares[place, column]
-    needed = demand_text(name, points[place].demand[column], unit)
+    needed = (f"{demand_name(name)} of ", Quantity(points[place].demand[column], unit))
     raise PlanError(
-        f"at {points[place].frequency} the excitation is predicted to need {needed}; limits.{name} is "
-        f"{getattr(limits, name):g} {unit}, of which measurement.margin leaves {allowed[column]:.4g} {unit}: lower the "
-        f"amplitude to {0.99 / share:.0%} or less, or leave out the frequency; if it is the stop that asks for so "
-        "much, lengthen measurement.ramp_out"
+        f"at {points[place].frequency} the excitation is predicted to need ",
+        *needed,
+        f"; limits.{name} is ",
+        Quantity(getattr(limits, name), unit),
+        ", of which measurement.margin leaves ",
+        Quantity(float(allowed[column]), unit),
+        f": lower the amplitude to {0.99 / share:.0%} or less, or leave out the frequency; if it is the stop "
+        "that asks for so much, lengthen measurement.ramp_out",
     )

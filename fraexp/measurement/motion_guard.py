@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fraexp.analysis.quantisation import grid_step
 from fraexp.components.machine_session import Chunk
+from fraexp.data.findings import Quantity
 from fraexp.errors import LimitError, MachineError
 from fraexp.simulation.motion_limits import DEMAND_UNITS, NO_DEMAND, Demand, MotionLimits
 
@@ -43,8 +44,8 @@ GAIN_REMEDY = "check the controller: its sign, its gain, and a friction compensa
 class LimitExceededError(MachineError):
     """A limit was exceeded by an excitation, which was stopped."""
 
-    def __init__(self, text: str, reached: float) -> None:
-        super().__init__(text)
+    def __init__(self, *parts: object, reached: float) -> None:
+        super().__init__(*parts)
         self.reached = reached
         """Part of the limit that was reached."""
 
@@ -131,12 +132,13 @@ class MotionGuard:
             allowed = getattr(self.limits, name)
             if allowed is None or value <= share * allowed:
                 continue
-            text = f"the {name.replace('_', ' ')} was {value:.4g} {unit}"
+            parts = (f"the {name.replace('_', ' ')} was ", Quantity(value, unit))
             if self._was_exceeded:
-                return RunawayError(f"{text}, and rose on while the excitation was stopped: {GAIN_REMEDY}")
+                return RunawayError(*parts, f", and rose on while the excitation was stopped: {GAIN_REMEDY}")
             self._was_exceeded = True
             part = "" if share == 1 else f"{share:.0%} of "
-            return LimitExceededError(f"{text}; {part}limits.{name} is {share * allowed:.4g} {unit}", self.nearest())
+            limit = (f"; {part}limits.{name} is ", Quantity(share * allowed, unit))
+            return LimitExceededError(*parts, *limit, reached=self.nearest())
         return None
 
     def _runaway(
@@ -216,7 +218,7 @@ class RestWatch:
         self._samples = np.hstack([self._samples, [chunk.channels["y"], chunk.channels["u"]]])
         fault = self._guard.look(chunk)
         if isinstance(fault, LimitExceededError):
-            return RunawayError(f"the axis moves by itself: without an excitation {fault}: {self._remedy}")
+            return RunawayError("the axis moves by itself: without an excitation ", *fault.args, f": {self._remedy}")
         is_judged = self.position.size >= MIN_REST_SAMPLES and self._moves_far
         return fault or (self.error() if is_judged and self._growth > RUNAWAY_GROWTH else None)
 
@@ -256,8 +258,9 @@ class RestWatch:
         """Return the error that the axis moves by itself."""
         seconds = self.position.size * self._sample_time
         return RunawayError(
-            f"the axis moves by itself: {np.ptp(self.position):.3g} m in {seconds:.3g} s without an excitation: "
-            f"{self._remedy}"
+            "the axis moves by itself: ",
+            Quantity(float(np.ptp(self.position)), "m"),
+            f" in {seconds:.3g} s without an excitation: {self._remedy}",
         )
 
     @property

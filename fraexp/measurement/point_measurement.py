@@ -12,6 +12,7 @@ from fraexp.analysis.fourier import phasors
 from fraexp.analysis.quantisation import moves_visibly
 from fraexp.analysis.response import response_result
 from fraexp.components.machine_session import Chunk
+from fraexp.data.findings import Quantity
 from fraexp.data.results import FrequencyResponse
 from fraexp.data.sample_file import SampleWriter
 from fraexp.data.signals import Segment, Signals
@@ -221,13 +222,13 @@ class PointMeasurement:
 
     def _explained(self, error: MachineError, wrong: str) -> MachineError:
         """Return an error of the play with its place, and with what its channels were instead of u and y."""
-        text = f"at {self._point.frequency}: {error}"
+        parts = (f"at {self._point.frequency}: ", *error.args)
         if isinstance(error, RunawayError):
-            return RunawayError("; ".join(filter(None, [text, wrong])))
+            return RunawayError(*parts, f"; {wrong}" if wrong else "")
         if not isinstance(error, LimitExceededError):
-            return type(error)(text)
-        stopped = f"{error} at {self._point.frequency}; the machine was stopped"
-        return LimitError(f"{stopped}: {wrong}") if wrong else LimitExceededError(stopped, error.reached)
+            return type(error)(*parts)
+        stopped = (*error.args, f" at {self._point.frequency}; the machine was stopped")
+        return LimitError(*stopped, f": {wrong}") if wrong else LimitExceededError(*stopped, reached=error.reached)
 
     def _unsettled_error(self) -> MachineError:
         unsettled = f"in the {self.seconds:.3g} s that were played it did not settle in time for a record"
@@ -268,8 +269,9 @@ class PointMeasurement:
         """Return the error that the axis does not move."""
         return MachineError(
             f"at {self._point.frequency} the axis does not move: its position shows nothing but the noise and the "
-            f"steps of its encoder, while the control input reaches {self._guard.of_play.force:.4g} N; release "
-            "the brake, enable the drive, check the encoder, or raise excitation.amplitude"
+            "steps of its encoder, while the control input reaches ",
+            Quantity(self._guard.of_play.force, "N"),
+            "; release the brake, enable the drive, check the encoder, or raise excitation.amplitude",
         )
 
     def _wrong_channels(self, count: int) -> str:

@@ -136,7 +136,7 @@ class WatchedMachine:
             return
         self.fault = fault
         if isinstance(fault, RunawayError):
-            self.fault = RunawayError(f"{fault}; {DRIVE_OFF if self.can_disable else NO_DISABLE}")
+            self.fault = RunawayError(*fault.args, f"; {DRIVE_OFF if self.can_disable else NO_DISABLE}")
             if self.can_disable:
                 self._session.disable()
         self._session.stop()

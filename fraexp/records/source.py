@@ -17,6 +17,7 @@ from fraexp.analysis.fourier import phasors
 from fraexp.analysis.quantisation import moves_visibly
 from fraexp.components.kinds import Controller, RecordReader
 from fraexp.components.registry import Registry, create
+from fraexp.data.findings import remarks
 from fraexp.data.identity import file_hash
 from fraexp.data.record_table import RecordTable
 from fraexp.data.results import Outcome
@@ -414,8 +415,8 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
     outcome = Outcome.NOT_SETTLED if unsettled else outcome
     still = _standstill_text(found, units)
     outcome = Outcome.NO_MOTION if still else outcome
-    text = "; ".join(filter(None, (still, moving, unexpected, *messages, unit_questions(found, units), wrong.text)))
-    return Signals(tuple(found), units, outcome, text)
+    texts = (still, moving, unexpected, *messages, unit_questions(found, units), wrong.text)
+    return Signals(tuple(found), units, outcome, remarks(*texts))
 
 
 def _standstill_text(segments: Sequence[Segment], units: Mapping[str, str]) -> str:

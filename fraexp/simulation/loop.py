@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fraexp.components.kinds import Excitation, FrictionModel
 from fraexp.components.periods import Period, Schedule
+from fraexp.data.findings import Finding, Quantity
 from fraexp.data.results import EFFORT, Metric, Outcome
 from fraexp.data.signals import Encoder, Segment, Signals
 from fraexp.simulation.experiment_run import run_experiments
@@ -62,14 +63,14 @@ def _simulate(
     recorded = _record_periods(setup, excitation, periods, progress)
     until_divergence = itertools.takewhile(lambda segment: segment is not None, recorded)
     segments = tuple(segment for segment in until_divergence if segment)
-    outcome, message = _outcome_and_message(machine.loop, excitation.schedule, periods, segments)
-    message = message or excitation.remark(segments)
+    outcome, cause = _outcome_and_cause(machine.loop, excitation.schedule, periods, segments)
+    findings = (cause,) if cause else excitation.findings(segments)
     channels = list(segments[0].channels if segments else CHANNEL_UNITS)
     names = [name for name in channels if name.partition(".")[0] in CHANNEL_UNITS]
     units = {name: CHANNEL_UNITS[name.partition(".")[0]] for name in names}
     verification = verify(machine, setup, excitation.schedule, periods, segments)
     encoder = Encoder(machine.loop.noise, machine.loop.resolution)
-    return Signals(segments, units, outcome, message, setup.numerics, _effort_metrics(segments), encoder, verification)
+    return Signals(segments, units, outcome, findings, setup.numerics, _effort_metrics(segments), encoder, verification)
 
 
 def _record_periods(
@@ -98,35 +99,31 @@ def _record_periods(
     return segments
 
 
-def _outcome_and_message(
+def _outcome_and_cause(
     loop: ControlLoop, schedule: Schedule, periods: Sequence[Period], segments: Sequence[Segment]
-) -> tuple[Outcome, str]:
+) -> tuple[Outcome, Finding | None]:
     if len(segments) < len(periods):
-        return Outcome.DIVERGED, _divergence_message(loop, schedule, periods[len(segments)])
+        return Outcome.DIVERGED, _divergence(loop, schedule, periods[len(segments)])
     unsettled = sum(not segment.settling.settled for segment in segments if segment.settling)
     if unsettled:
-        message = (
-            f"{unsettled} of {len(segments)} responses were not yet periodic after {schedule.settling_timeout:g} s"
-        )
-        return Outcome.NOT_SETTLED, message
-    return Outcome.OK, ""
+        waited = Quantity(schedule.settling_timeout, "s", "time")
+        place = f"{unsettled} of {len(segments)} responses"
+        return Outcome.NOT_SETTLED, Finding("not periodic", (waited,), place=place)
+    return Outcome.OK, None
 
 
-def _divergence_message(loop: ControlLoop, schedule: Schedule, period: Period) -> str:
+def _divergence(loop: ControlLoop, schedule: Schedule, period: Period) -> Finding:
     """Return where the displacement exceeded the divergence limit: at a frequency, or on a move, which has none."""
+    limit = Quantity(loop.divergence_limit, "m", "loop.divergence_limit")
     if schedule.settling_timeout > 0 or period.reference is None:
-        frequency = period.lines[0] / (period.waveform.size * loop.sample_time)
-        return f"at {frequency:.4g} Hz the displacement left ±{loop.divergence_limit:g} m"
+        frequency = float(period.lines[0]) / (period.waveform.size * loop.sample_time)
+        return Finding("diverged", (limit,), (frequency,))
     farthest = float(np.abs(loop.reference + period.reference).max())
     if farthest > loop.divergence_limit:
-        return (
-            f"the move leads to {farthest:g} m; loop.divergence_limit is ±{loop.divergence_limit:g} m; shorten the "
-            "move, or raise loop.divergence_limit"
-        )
-    return (
-        f"on a move of {float(np.ptp(period.reference)):g} m the displacement left ±{loop.divergence_limit:g} m; "
-        "correct the design model, or take more time for the move"
-    )
+        end = Quantity(farthest, "m", "end of the move")
+        return Finding("diverged", (limit, end), remedy="shorten the move, or raise loop.divergence_limit")
+    move = Quantity(float(np.ptp(period.reference)), "m", "length of the move")
+    return Finding("diverged", (limit, move), remedy="correct the design model, or take more time for the move")
 
 
 def _effort_metrics(segments: Sequence[Segment]) -> tuple[Metric, ...]:

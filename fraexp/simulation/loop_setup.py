@@ -7,6 +7,7 @@ import numpy as np
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.ports import Ports
+from fraexp.data.findings import Quantity
 from fraexp.errors import ParameterError
 from fraexp.simulation.discretisation import DiscreteLoop, discretise, split_dead_time
 from fraexp.simulation.experiments import Setup, set_valued_contacts
@@ -99,10 +100,11 @@ def steps_per_sample(machine: Machine) -> int:
     if fewest > MAX_STEPS_PER_SAMPLE:
         stiffness = max(_presliding_stiffness(machine.frictions))
         raise ParameterError(
-            f"stuck on {machine.friction_names} friction, of up to {stiffness:.4g} N/m, the machine resonates at "
-            f"{resonance / (2 * np.pi):.4g} Hz, which needs {fewest} steps per sample; expected at most "
-            f"{MAX_STEPS_PER_SAMPLE}: correct the plant's gain, max_stiffness of the law (check 'stiffness'), or lower "
-            "loop.sample_time"
+            f"stuck on {machine.friction_names} friction, of up to ",
+            Quantity(stiffness, "N/m"),
+            f", the machine resonates at {resonance / (2 * np.pi):.4g} Hz, which needs {fewest} steps per sample; "
+            f"expected at most {MAX_STEPS_PER_SAMPLE}: correct the plant's gain, max_stiffness of the law (check "
+            "'stiffness'), or lower loop.sample_time",
         )
     if numerics.steps_per_sample == 0:
         return accurate_steps(machine.ports, machine.frictions, machine.loop.sample_time, numerics.tolerance)

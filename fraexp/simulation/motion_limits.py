@@ -80,10 +80,9 @@ class Demand(NamedTuple):
         return Demand(*np.maximum(self, other).tolist())
 
 
-def demand_text(name: str, value: float, unit: str) -> str:
+def demand_name(name: str) -> str:
     """Return in words one of what a motion asks for, by its name."""
-    article = "an" if name.startswith("a") else "a"
-    return f"{article} {name.replace('_', ' ')} of {value:.4g} {unit}"
+    return f"{'an' if name.startswith('a') else 'a'} {name.replace('_', ' ')}"
 
 
 NO_DEMAND = Demand(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -144,7 +143,7 @@ def check_limits(limits: MotionLimits, machine: Machine, excitation: Excitation)
                     else "ask for less, or take more time"
                 )
                 raise ParameterError(
-                    f"{what} is predicted to need {demand_text(name, found, unit)}; "
+                    f"{what} is predicted to need {demand_name(name)} of {found:.4g} {unit}; "
                     f"limits.{name} is {allowed:g} {unit}: {remedy}"
                 )
 

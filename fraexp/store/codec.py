@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fraexp.data.findings import Finding
 from fraexp.data.results import Curve, Fit, FrequencyResponse, Metric, Outcome, Result
 from fraexp.errors import StoreError
 from fraexp.store.tables import RESPONSE_ARRAYS, RowValues, TableRow
@@ -162,6 +163,11 @@ def parse_fit(row: TableRow) -> Fit:
     return check_types(found)
 
 
+def parse_findings(stored: Iterable[TableRow]) -> tuple[Finding, ...]:
+    """Return the findings in a sweep's row; those of a kind that this fraexp does not know are findings as well."""
+    return tuple(check_types(Finding.from_plain(dict(data))) for data in stored)
+
+
 def result_rows(key: str, result: Result) -> dict[str, list[RowValues]]:
     """Return the rows of a result by the name of their table, parents first."""
     return {
@@ -178,7 +184,7 @@ def parse_result(state: TableRow, rows: Mapping[str, Sequence[TableRow]]) -> Res
     columns = rows.get("curve_column", ())
     result = Result(
         Outcome[state["outcome"]],
-        state["message"],
+        parse_findings(state["findings"]),
         next((parse_response(row) for row in rows.get("frequency_response", ())), None),
         tuple(parse_metric(row) for row in rows.get("metric", ())),
         tuple(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fraexp.data.results import Result
 
-PARTS = ("outcome", "message", "response", "metrics", "curves", "fits", "numerics")
+PARTS = ("outcome", "findings", "response", "metrics", "curves", "fits", "numerics")
 MAX_NAMED = 3
 """Maximum number of differences of a part that are named."""
 

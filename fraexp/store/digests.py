@@ -46,10 +46,10 @@ RESULT_COLUMNS = {
     for table in (frequency_response, metric, curve, curve_column, fit)
 }
 """Columns of a result's tables that its digest covers, beside the key: all."""
-STATE_COLUMNS = ("key", "outcome", "message", "numerics", "elapsed")
+STATE_COLUMNS = ("key", "outcome", "findings", "numerics", "elapsed")
 """Columns of a sweep that the digest of its result covers."""
 LISTED_COLUMNS = (
-    *("key", "outcome", "message", "elapsed", "created", "source"),
+    *("key", "outcome", "findings", "elapsed", "created", "source"),
     *("plant_name", "friction_name", "controller_name", "excitation_name", "estimator_name"),
 )
 """Columns of a sweep that listings show, which have a digest of their own: listings do not read results."""

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 
+from fraexp.data.findings import Finding, message_of
 from fraexp.data.results import Outcome, Result
 from fraexp.store.liveness import Process
 from fraexp.store.validation import JsonTable
@@ -114,8 +115,8 @@ class StoredSweep:
     labels: JsonTable
     outcome: Outcome | None
     """None without a result."""
-    message: str
-    """Reason of a failed attempt; otherwise the message of the result."""
+    findings: tuple[Finding, ...]
+    """Those of the result; empty without one."""
     elapsed: float
     """Computing time of the result [s]; 0 without a result."""
     created: datetime | None
@@ -130,6 +131,13 @@ class StoredSweep:
     """Number of that run; None for a sweep without a run."""
     study: str | None = None
     """Study of that run."""
+    failure: str = ""
+    """Reason of a failed attempt."""
+
+    @property
+    def message(self) -> str:
+        """Reason of a failed attempt; otherwise the words of its findings."""
+        return self.failure or message_of(self.findings)
 
     @property
     def sections(self) -> JsonTable:
@@ -149,7 +157,7 @@ def mark_damaged(sweeps: Iterable[StoredSweep], results: Mapping[str, Result]) -
         result = results.get(sweep.key)
         is_damaged = result is not None and result.outcome is Outcome.DAMAGED
         marked.append(
-            replace(sweep, outcome=result.outcome, message=result.message) if result and is_damaged else sweep
+            replace(sweep, outcome=result.outcome, findings=result.findings) if result and is_damaged else sweep
         )
     return marked
 

@@ -45,7 +45,7 @@ NAMING_CONVENTION = {
     "pk": "pk_%(table_name)s",
     "uq": "uq_%(table_name)s_%(column_0_N_name)s",
 }
-SCHEMA_NUMBER = 1
+SCHEMA_NUMBER = 2
 """Number of the schema that this module declares."""
 MAX_KEYS_PER_QUERY = 500
 """Keys of an IN query: databases limit the variables of a statement."""
@@ -169,7 +169,7 @@ sweep = Table(
     Column("key", String(64), primary_key=True),
     Column("experiment_key", String(64), nullable=False, index=True),
     Column("outcome", String(16)),  # name of the Outcome; NULL while there is no result
-    _text_column("message", ""),
+    Column("findings", JSON, nullable=False, default=list),  # as Finding.plain gives each
     Column("elapsed", Float(precision=53), nullable=False, default=0.0),
     Column("numerics", EscapedText, nullable=False, default=""),  # how it was computed
     Column("created", UtcDateTime, index=True),

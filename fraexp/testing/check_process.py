@@ -23,7 +23,7 @@ from fraexp.components.registry import Registry, components_in, discover, reason
 from fraexp.errors import FraexpError, PluginError
 from fraexp.kernels.call_watch import hang_listener, running_call_text
 from fraexp.testing.check_catalogue import checks_for, quick_checks_for
-from fraexp.testing.check_report import Finding, Verdict, findings
+from fraexp.testing.check_report import CheckOutcome, Verdict, findings
 from fraexp.testing.conformance_check import Check
 from fraexp.testing.walk import Drive, describe_component
 
@@ -199,7 +199,7 @@ class CheckProcess:
         if self._check is None:
             self._report(error=reason)
             return
-        finding = Finding(self._check, Verdict.FAILED, reason, self._example_text(), reason)
+        finding = CheckOutcome(self._check, Verdict.FAILED, reason, self._example_text(), reason)
         self._report(finding=_finding_document(finding))
         self._report(end=True)
 
@@ -231,7 +231,7 @@ REMEDY = {
 """Remedy, by whether the compiler is busy with the law (True) or the law does not return (False)."""
 
 
-def _finding_document(finding: Finding) -> dict[str, str]:
+def _finding_document(finding: CheckOutcome) -> dict[str, str]:
     """Return a finding as the command reads it."""
     return {
         "name": finding.check.name, "meaning": finding.check.meaning, "verdict": finding.verdict.name.lower(),

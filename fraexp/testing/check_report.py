@@ -100,7 +100,7 @@ class Verdict(Enum):
 
 
 @dataclass(frozen=True)
-class Finding:
+class CheckOutcome:
     """The result of one check."""
 
     check: Check
@@ -128,7 +128,7 @@ class Report:
     """The findings of all checks of one component."""
 
     component: type[Component]
-    findings: tuple[Finding, ...]
+    findings: tuple[CheckOutcome, ...]
 
     @property
     def sound(self) -> bool:
@@ -155,22 +155,22 @@ def findings(
     expected_failures: Mapping[str, str] | None = None,
     on_example: ExampleListener = lambda check, example: None,
     is_quick: bool = False,
-) -> Iterator[Finding]:
+) -> Iterator[CheckOutcome]:
     """Yield the findings one after another, as `run_checks` reports them; `on_example` is called with each example.
 
     Quick checks try fewer examples, and compile nothing.
     """
     expected = expectations(component, expected_failures)
     applicable = (quick_checks_for if is_quick else checks_for)(component)
-    last: Finding | None = None
+    last: CheckOutcome | None = None
     for check in applicable if checks is None else checks:
         if last and (check.is_compiled or not last.check.is_compiled):
-            yield Finding(check, Verdict.NOT_RUN, last.stop_reason)
+            yield CheckOutcome(check, Verdict.NOT_RUN, last.stop_reason)
             continue
         target = interpreted_class(component) if is_quick and check.make_strategy else component
         finding = run_check(check, target, expected.get(check.name), on_example)
         if is_quick and finding.verdict is Verdict.UNEXPECTED:  # a few examples are no proof that it passes
-            finding = Finding(check, Verdict.SKIPPED, f"declared to fail: {expected[check.name]}")
+            finding = CheckOutcome(check, Verdict.SKIPPED, f"declared to fail: {expected[check.name]}")
         last = finding if finding.stop_reason else last
         yield finding
 
@@ -190,7 +190,7 @@ def run_check(
     component: type[Component],
     expected: str | None = None,
     on_example: ExampleListener = lambda check, example: None,
-) -> Finding:
+) -> CheckOutcome:
     """Run one check; `expected` is the reason why it must fail, if it must."""
     if expected is not None:  # that no example fails must not be chance
         check = replace(check, examples=EXPECTED_FAILURE_EFFORT * check.examples)
@@ -199,8 +199,8 @@ def run_check(
     if expected is None or found.stop_reason or found.verdict is Verdict.SKIPPED:
         return found
     if found.verdict is Verdict.FAILED:
-        return Finding(check, Verdict.EXPECTED, expected, found.example)
-    return Finding(check, Verdict.UNEXPECTED, f"remove it from expected_failures ({expected})")
+        return CheckOutcome(check, Verdict.EXPECTED, expected, found.example)
+    return CheckOutcome(check, Verdict.UNEXPECTED, f"remove it from expected_failures ({expected})")
 
 
 @dataclass
@@ -218,32 +218,32 @@ class _ExampleSearch:
     """Number of examples for which there was no time."""
     began: float = field(default_factory=time.process_time)
 
-    def finding(self) -> Finding:
+    def finding(self) -> CheckOutcome:
         """Return the finding."""
         try:
             self._search() if self.check.make_strategy else self._try(self.component)
         except ViolationError as violation:
-            return Finding(self.check, Verdict.FAILED, _one_line(str(violation)), self._example_text)
+            return CheckOutcome(self.check, Verdict.FAILED, _one_line(str(violation)), self._example_text)
         except OverdueError as error:
             reason = overdue_reason(error, self.example)
-            return Finding(
+            return CheckOutcome(
                 self.check, Verdict.FAILED, reason, self._owner_text, f"{self.component.name} does not return"
             )
         except Exception as error:  # a stranger's component may raise anything
             reason = _one_line(str(error) if isinstance(error, FraexpError) else reason_of(error, self._file))
             if "cannot be compiled" in reason or type(error).__module__.startswith("numba"):
-                return Finding(
+                return CheckOutcome(
                     self.check,
                     Verdict.FAILED,
                     compile_error_reason(error, self.example),
                     self._owner_text,
                     NOT_COMPILED,
                 )
-            return Finding(self.check, Verdict.FAILED, reason, self._example_text)
+            return CheckOutcome(self.check, Verdict.FAILED, reason, self._example_text)
         if not self.tried:
-            return Finding(self.check, Verdict.SKIPPED, self.skipped)
+            return CheckOutcome(self.check, Verdict.SKIPPED, self.skipped)
         cut = f"tried {self.tried} examples only: each takes long" if self.left_out else ""
-        return Finding(self.check, Verdict.PASSED, cut)
+        return CheckOutcome(self.check, Verdict.PASSED, cut)
 
     def _search(self) -> None:
         from hypothesis import HealthCheck, Phase, Verbosity, given, seed, settings

@@ -28,6 +28,7 @@ from fraexp.components.kinds import (
 from fraexp.components.machine_session import Chunk, MachineSession, PlayRequest
 from fraexp.components.registry import create
 from fraexp.data import units
+from fraexp.data.findings import remarks
 from fraexp.data.results import Outcome, Result
 from fraexp.data.signals import Signals
 from fraexp.errors import FraexpError, MachineError, RecordError
@@ -234,7 +235,7 @@ def covariance(component: type[Estimator]) -> None:
 
 def outcome(component: type[Estimator]) -> None:
     """The result keeps the outcome of the signals, such as that they have not settled."""
-    signals = replace(_linear_experiment()[1], outcome=Outcome.NOT_SETTLED, message="as a test")
+    signals = replace(_linear_experiment()[1], outcome=Outcome.NOT_SETTLED, findings=remarks("as a test"))
     result = _default_component(component).estimate(signals)
     require(result.outcome is Outcome.NOT_SETTLED, f"the outcome becomes {result.outcome.name}")
 

@@ -84,12 +84,12 @@ def component_document(provider: Provider) -> dict[str, Any]:
     }
 
 
-def parameter_document(name: str, info: FieldInfo) -> dict[str, Any]:
-    """Return a parameter as it was declared."""
+def parameter_document(name: str, info: FieldInfo, *, rotary: bool = False) -> dict[str, Any]:
+    """Return a parameter as it was declared, or as it is for a rotary axis."""
     bounds = {word: getattr(item, word) for item in info.metadata for word in BOUND_SIGNS if hasattr(item, word)}
     return {
         "name": name,
-        "unit": unit_of(info),
+        "unit": unit_of(info, rotary=rotary),
         "meaning": info.description or "",
         "required": info.is_required() and inherited_from(info) is None,
         "default": None if info.is_required() else _plain_default(info),

@@ -28,11 +28,13 @@ class ParameterEntry:
     info: FieldInfo
     text: str
     """Its value as written in a study; empty if it is not given."""
+    rotary: bool = False
+    """Whether it is that of a rotary axis."""
 
     @property
     def hint(self) -> str:
         """Meaning, unit, bounds and default, in one line."""
-        document = parameter_document(self.path, self.info)
+        document = parameter_document(self.path, self.info, rotary=self.rotary)
         bounds = [f"{sign} {value:g}" for sign, value in document["bounds"].items()]
         unit = "" if document["unit"] in ("", "1") else f"[{document['unit']}]"
         default = document["default"]

@@ -48,7 +48,7 @@ class TextTable(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Quantity:
+class SweepNumbers:
     """A number of each of several sweeps, which some may lack."""
 
     title: str
@@ -118,7 +118,7 @@ def label_values(sweeps: Sequence[StoredSweep], registry: Registry) -> dict[str,
 
 def metric_quantities(
     results: Sequence[Result | None], stated: Mapping[str, str] | None = None, is_whole: bool = False
-) -> list[Quantity]:
+) -> list[SweepNumbers]:
     """Return the metrics of results, the first ones of each first; next to a response the effort only if `is_whole`."""
     values = [{(of.name, of.unit): of.value for of in result.metrics} if result else {} for result in results]
     halves = [half_widths(result) if result else {} for result in results]
@@ -134,7 +134,7 @@ def metric_quantities(
         scale, shown = _metric_scale(column, unit, (stated or {}).get(name))
         widths = scale * np.array([half.get(name, np.nan) for half in halves], dtype=float)
         quantities.append(
-            Quantity(with_unit(name, f"[{shown}]" if shown not in ("", "1") else ""), scale * column, None, widths)
+            SweepNumbers(with_unit(name, f"[{shown}]" if shown not in ("", "1") else ""), scale * column, None, widths)
         )
     return quantities
 
@@ -147,13 +147,13 @@ def _metric_scale(values: NDArray[np.float64], unit: str, stated: str | None) ->
     return column_unit(values.tolist(), unit)
 
 
-def magnitudes(results: Sequence[Result | None]) -> tuple[list[Quantity], str]:
+def magnitudes(results: Sequence[Result | None]) -> tuple[list[SweepNumbers], str]:
     """Return the magnitudes [dB] at some frequencies of the first response, and the unit of 0 dB."""
     responses = [result.response if result and result.response else None for result in results]
     known = [response for response in responses if response and len(response.frequency)]
     spots, unit = reference_frequencies(known)
     return [
-        Quantity(
+        SweepNumbers(
             title,
             np.array([magnitude_near(of, spot) if of and len(of.frequency) else np.nan for of in responses]),
             decimals=2,

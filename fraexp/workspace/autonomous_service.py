@@ -8,7 +8,7 @@ from typing import Any
 
 from fraexp.components.measurement_settings import MeasurementSettings
 from fraexp.data.results import Result
-from fraexp.data.rotary_axes import is_rotary, rotary_text
+from fraexp.data.rotary_axes import is_rotary, rotary_unit
 from fraexp.data.sample_file import SampleHeader
 from fraexp.errors import FraexpError, MachineError, StudyError
 from fraexp.execution.events import Event, Finished, Noticed, Planned, Progress
@@ -135,10 +135,10 @@ class AutonomousService:
         yield _stage_begun(0, f"a sine of {LOOP_HZ:g} Hz that rises until friction is overcome")
         axis, task, loop = yield from self._begin(fresh)
         axis = replace(axis, noise=loop.position_noise)
-        closes = f"closes at {loop.force:.4g} N" if loop.has_closed else f"does not close up to {loop.amplitude:.4g} N"
-        noise, resolution = map(_length_text, (loop.noise, loop.resolution))
-        text = f"friction loop: {closes}; noise {noise}, encoder {resolution}"
-        yield MeasurementNotice(rotary_text(text) if axis.is_rotary else text)
+        force = "N m" if axis.is_rotary else "N"
+        closes = f"closes at {loop.force:.4g}" if loop.has_closed else f"does not close up to {loop.amplitude:.4g}"
+        noise, resolution = (_length_text(of, axis.is_rotary) for of in (loop.noise, loop.resolution))
+        yield MeasurementNotice(f"friction loop: {closes} {force}; noise {noise}, encoder {resolution}")
         design = PointDesign(axis, loop, self._service.registry)
         coarse = design.coarse()
         yield from self._levels(axis, task, design, coarse, 0, 1)
@@ -290,11 +290,11 @@ def _evaluation_begun(stage: int, seconds: float) -> EvaluationBegun:
     return EvaluationBegun(what, stage, seconds)
 
 
-def _length_text(length: float) -> str:
+def _length_text(length: float, is_rotary: bool) -> str:
     if not length:
         return "none"
     factor, unit = displacement_unit(length)
-    return f"{factor * length:.3g} {unit}"
+    return f"{factor * length:.3g} {rotary_unit(unit) if is_rotary else unit}"
 
 
 def _modes(result: Result | None) -> tuple[list[float], list[float]]:

@@ -11,7 +11,7 @@ from fraexp.components.kinds import Estimator
 from fraexp.components.measurement_settings import MeasurementSettings
 from fraexp.components.registry import Registry, create
 from fraexp.data.results import Result
-from fraexp.data.rotary_axes import is_rotary, rotary_text
+from fraexp.data.rotary_axes import is_rotary, to_rotary_units
 from fraexp.errors import FraexpError, MachineError, StudyError
 from fraexp.execution.events import Event
 from fraexp.execution.job import apply_estimator, tolerated_error
@@ -207,4 +207,6 @@ def _words_of_its_axis(task: MeasurementTask) -> Iterator[None]:
     try:
         yield
     except MachineError as error:
-        raise type(error)(rotary_text(str(error)) if is_rotary(task.experiment) else str(error)) from error
+        if is_rotary(task.experiment):
+            to_rotary_units(error)
+        raise

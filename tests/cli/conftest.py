@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fraexp.data.findings import remarks
 from fraexp.data.results import Curve, FrequencyResponse, Metric, Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.store import ComponentOrigin, Store
@@ -54,10 +55,10 @@ def fill(path: Path) -> list[Sweep]:
     angle = np.linspace(0, 7, 30)
     loop = Curve("loop", {"displacement": np.cos(angle), "force": np.sin(angle)}, {"displacement": "m", "force": "N"})
     results = [
-        Result(Outcome.OK, "", response_of(0.1), (Metric("gain", 0.1, "m/N"), Metric("delay", float("nan"), "s"))),
-        Result(Outcome.NOT_SETTLED, "1 of 40 frequencies", response_of(0.2), (Metric("gain", 0.2, "m/N"),)),
+        Result(Outcome.OK, (), response_of(0.1), (Metric("gain", 0.1, "m/N"), Metric("delay", float("nan"), "s"))),
+        Result(Outcome.NOT_SETTLED, remarks("1 of 40 frequencies"), response_of(0.2), (Metric("gain", 0.2, "m/N"),)),
         Result(Outcome.OK, curves=(loop,)),
-        Result(Outcome.DIVERGED, "after 0.2 s"),
+        Result(Outcome.DIVERGED, remarks("after 0.2 s")),
     ]
     with Store.open(str(path), create=True) as store:
         provenance = {"fraexp": "0.1.0", "git": {"commit": "c0ffee" * 6, "dirty": True}}

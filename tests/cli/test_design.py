@@ -8,6 +8,7 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from fraexp.data.findings import remarks
 from fraexp.data.results import Fit, Outcome, Result
 from fraexp.errors import FraexpError, StudyError
 from fraexp.store import StoredSweep
@@ -37,7 +38,7 @@ SINES = {"name": "sine_list", "version": 1, "frequencies": [2.0], "amplitudes": 
 def sweep(experiment: dict[str, object], **estimator: object) -> StoredSweep:
     method = {"name": "maximum_likelihood", "version": 4, "friction": {"name": "none", "version": 1}, "modes": None}
     spec = {"name": "excitation_design", "version": 3, "method": method, **estimator}
-    return StoredSweep("swp-" + 60 * "0", experiment, spec, {}, Outcome.OK, "", 0.0, None, "computed")
+    return StoredSweep("swp-" + 60 * "0", experiment, spec, {}, Outcome.OK, (), 0.0, None, "computed")
 
 
 def designed(*others: Fit) -> Result:
@@ -90,7 +91,7 @@ def test_a_measured_machine_is_the_one_that_was_identified(tmp_path: Path) -> No
 
 def test_nothing_is_written_without_an_excitation_or_over_another_study(tmp_path: Path) -> None:
     with pytest.raises(FraexpError, match="has no excitation"):
-        write_designed_study(sweep({}), Result(Outcome.OK, "too little time"), "As", tmp_path / "planned.toml")
+        write_designed_study(sweep({}), Result(Outcome.OK, remarks("too little time")), "As", tmp_path / "planned.toml")
     path = tmp_path / "planned.toml"
     path.write_text('title = "Mine"\n', encoding="utf-8")
     with pytest.raises(StudyError, match="a different study is in this file"):

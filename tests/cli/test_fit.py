@@ -132,6 +132,6 @@ def test_settings_that_are_kept_are_written_as_in_a_study(
 ) -> None:
     name = fit_estimator(registry, kind="controller")
     spec = {"name": name, "method": {"name": "conventional"}, "integral_action": False}
-    sweep = StoredSweep("fx2-0123456789", {}, spec, {}, Outcome.OK, "", 0.0, None, "computed")
+    sweep = StoredSweep("fx2-0123456789", {}, spec, {}, Outcome.OK, (), 0.0, None, "computed")
     report_inherited([sweep], name, [], registry)
     assert "are kept: integral_action=false; reset one by --set integral_action=" in capsys.readouterr().err

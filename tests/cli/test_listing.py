@@ -117,7 +117,7 @@ def test_headings_have_the_units_of_parameters_in_groups_and_lists():
         "excitation": {"name": "stepped_sine", "amplitude": 12.0},
     }
     row = StoredSweep(
-        "fx2-0123456789abcdef", experiment, {"name": "conventional"}, labels, Outcome.OK, "", 0.5, None, "computed",
+        "fx2-0123456789abcdef", experiment, {"name": "conventional"}, labels, Outcome.OK, (), 0.5, None, "computed",
         run=7, study="bench",
     )  # fmt: skip
     registry = WorkspaceService.open(ROOT, None).registry

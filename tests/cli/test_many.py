@@ -12,6 +12,7 @@ from fraexp.cli.arguments import parse
 from fraexp.cli.compare import execute as compare
 from fraexp.cli.follow import MAX_REPORTED_FAILURES, MAX_TABLE_SWEEPS, RunEvents, follow, print_outcome
 from fraexp.cli.show import execute as show
+from fraexp.data.findings import remarks
 from fraexp.data.results import Metric, Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.execution.events import Ended, Event, Finished
@@ -35,8 +36,8 @@ def folder(tmp_path: Path) -> Path:
     results = []
     for sweep in sweeps:
         gain = sweep.labels["record.gain"] * (10 if sweep.labels["estimator"] == "h2" else 1)
-        results.append(Result(Outcome.OK, "", response_of(1e-3 * gain), (Metric("gain", gain, "m/N"),)))
-    results[-1] = Result(Outcome.DIVERGED, "after 0.2 s")
+        results.append(Result(Outcome.OK, (), response_of(1e-3 * gain), (Metric("gain", gain, "m/N"),)))
+    results[-1] = Result(Outcome.DIVERGED, remarks("after 0.2 s"))
     with Store.open(str(tmp_path / "results.db"), create=True) as store:
         run = store.begin_run("many", "many.toml", "fraexp run many", {}, sweeps)
         store.save(run, [(sweep, result, {}) for sweep, result in zip(sweeps, results, strict=True)])

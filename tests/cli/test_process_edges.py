@@ -263,7 +263,7 @@ def interrupt(*_: object, **__: object) -> None:
 
 
 def test_no_half_written_figure_stays_after_an_interruption(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    figure = drawing.draw_figure([ShownResult("conventional", Result(Outcome.OK, "", response_of(0.1)))])
+    figure = drawing.draw_figure([ShownResult("conventional", Result(Outcome.OK, (), response_of(0.1)))])
     monkeypatch.setattr(figure, "savefig", interrupt)
     with pytest.raises(KeyboardInterrupt):
         drawing.save_figure(figure, tmp_path / "figure.png", ["k"])

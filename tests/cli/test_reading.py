@@ -172,7 +172,7 @@ def test_a_stored_run_is_drawn_without_the_plugin_of_its_plant(
     sweep, target = Sweep(experiment, {"name": "conventional", "version": 1}, {}), tmp_path / "figure.png"
     with Store.open(str(tmp_path / "results.db"), create=True) as store:
         run = store.begin_run("mine", "mine.toml", "fraexp run mine", {}, [sweep])
-        store.save(run, [(sweep, Result(Outcome.OK, "", response_of(0.1)), {})])
+        store.save(run, [(sweep, Result(Outcome.OK, (), response_of(0.1)), {})])
         store.end_run(run, "complete")
     (tmp_path / "plugins").mkdir()
     (tmp_path / "plugins/gone.py").write_text("1/0\n")

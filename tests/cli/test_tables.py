@@ -14,7 +14,7 @@ from tests.cli.conftest import response_of
 
 def table(responses: list[FrequencyResponse], registry: Registry) -> tuple[list[str], list[list[str]], str]:
     sweeps = [
-        StoredSweep(f"fx1-{index}", {}, {}, {}, Outcome.OK, "", 1.0, None, "computed")
+        StoredSweep(f"fx1-{index}", {}, {}, {}, Outcome.OK, (), 1.0, None, "computed")
         for index in range(len(responses))
     ]
     results = {f"fx1-{index}": Result(Outcome.OK, response=response) for index, response in enumerate(responses)}

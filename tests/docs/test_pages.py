@@ -14,6 +14,7 @@ import pytest
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.options import COMMANDS
 from fraexp.components.registry import Registry
+from fraexp.data.findings import KINDS
 from fraexp.data.results import Outcome
 from fraexp.study.study_file import KEYS
 from fraexp.workspace.workspace_service import WorkspaceService
@@ -118,6 +119,15 @@ def texts_in(file: Path) -> Iterator[str]:
             yield "".join(str(of.value) if isinstance(of, ast.Constant) else "…" for of in node.values)
         elif isinstance(node, ast.Constant) and isinstance(node.value, str):
             yield node.value
+
+
+def test_every_kind_of_finding_is_explained() -> None:
+    page = read("docs/troubleshooting.md")
+    rows = [
+        f"| {name} | {of.words or '(free text)'} | {of.meaning} | {of.remedy or 'none is needed'} |"
+        for name, of in KINDS.items()
+    ]
+    assert [row for row in rows if row not in page] == []
 
 
 def test_every_outcome_is_explained() -> None:

@@ -29,7 +29,7 @@ def test_a_response_by_few_steps_is_right_or_not_ok(amplitude: float, place: flo
     if amplitude >= 5:
         assert (found.outcome, found.message) == (Outcome.OK, "")
     if amplitude <= 1.3:
-        assert "the motion is of few encoder steps of 2e-05 at 1 of 1 frequencies" in found.message
+        assert [each.kind for each in found.findings] == ["few encoder steps"]
 
 
 def test_noise_blurs_the_rounding() -> None:
@@ -45,5 +45,6 @@ def test_a_multisine_that_toggles_an_encoder_is_not_ok() -> None:
     blocks = {"u": np.tile(wave, (6, 1)), "y": np.tile(STEP * np.rint(0.15 * wave + 0.5), (6, 1))}
     found = Conventional(refer_to_plant=False).estimate(Signals((Segment(1e-3, blocks, lines),), {"u": "N", "y": "m"}))
     assert found.outcome is Outcome.INACCURATE
-    assert "few encoder steps of 2e-05 at 6 of 6 frequencies" in found.message
-    assert "may be off by any amount" in found.message
+    (coarse,) = found.findings
+    assert (coarse.kind, len(coarse.frequencies)) == ("few encoder steps", 6)
+    assert [each.value for each in coarse.quantities] == [np.inf, STEP]

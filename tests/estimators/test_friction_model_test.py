@@ -66,7 +66,7 @@ def test_the_right_model_scatters_as_much_as_the_scale_explains(signals):
 def test_a_wrong_model_is_found_by_band(error):
     result, metrics = diagnosed(recorded(12.0), **error)
     assert [metrics[f"verdict {band}"] for band in BANDS] == [0, 0, 0]
-    assert result.message.startswith("the friction model does not explain 1-5 Hz, 5-20 Hz, 20-100 Hz")
+    assert (result.findings[0].kind, result.findings[0].place) == ("misfit", "1-5 Hz, 5-20 Hz, 20-100 Hz")
 
 
 def test_the_scatter_shows_how_large_the_error_is(signals):

@@ -70,8 +70,8 @@ def test_what_the_encoder_hides_is_not_ok(registry: Registry) -> None:
     error = np.abs(response.response / truth - 1)
     assert result.outcome is Outcome.INACCURATE
     wrong = response.frequency[~BandReach.of(response).is_within(Accuracy())]
-    assert f"({wrong.min():.4g} to {wrong.max():.4g} Hz)" in result.message
-    assert "by rounding and noise of the encoder; raise the amplitude, use a finer encoder" in result.message
+    (found,) = [each for each in result.findings if each.kind == "band by encoder"]
+    assert set(found.frequencies) <= set(wrong)
     assert error.max() > 0.3
     assert is_within_circle(response, truth)[error > 0.1].all()
     assert np.mean(is_within_circle(response, truth)) > 0.9
@@ -87,7 +87,7 @@ def test_what_the_encoder_shows_is_ok(registry: Registry) -> None:
 def test_a_fit_is_ok_if_the_response_is_so_within_its_range(registry: Registry) -> None:
     result, _ = result_of("paper/fig12_fit", registry, 12.0)
     assert result.outcome is Outcome.OK
-    assert result.message.startswith("outside the frequency range of the fit: the band is wider than 0.5 dB")
+    assert {each.place for each in result.findings if each.kind.startswith("band")} == {"outside the fit's range"}
     wide, _ = result_of("paper/fig12_fit", registry, 12.0, ("estimator.min_frequency=1",))
     assert wide.outcome is Outcome.INACCURATE
 

@@ -116,21 +116,21 @@ def test_frequencies_that_miss_the_amplitude_are_told():
         signals = signals_of(excitation)
         assert signals.outcome is Outcome.OK
         reached = [amplitude(segment, "y") * 1e6 for segment in signals.segments]
-        return signals.message, [one for one in reached if abs(one / 50 - 1) > 0.01]
+        return signals.findings, [one for one in reached if abs(one / 50 - 1) > 0.01]
 
-    message, missed = remark(20)
+    (found,), missed = remark(20)
     assert 1 < len(missed) < 4
-    expected = f"{len(missed)} of 4 frequencies miss 50 µm: at max_force, 20 N, they reach"
-    assert message == f"{expected} {min(missed):.4g} to {max(missed):.4g} µm"
-    assert remark(1000) == ("", [])
+    assert found.place == f"amplitude at {len(missed)} of 4 frequencies"
+    assert [1e6 * each.value for each in found.quantities] == pytest.approx([50, min(missed), max(missed)])
+    assert remark(1000) == ((), [])
 
 
 def test_a_jump_over_the_amplitude_is_told_as_such():
     excitation = ResponseControlled(displacement=50e-6, max_force=1000, frequencies=(39,))
     (segment,) = signals_of(excitation).segments
     jumped = replace(segment, channels={**segment.channels, "y": 1.1 * segment.channels["y"]})
-    assert excitation.remark([segment]) == ""
-    assert excitation.remark([segment, jumped]).startswith("1 of 2 frequencies miss 50 µm: the response jumps over it")
+    assert excitation.findings([segment]) == ()
+    assert "the response jumps over it" in excitation.findings([segment, jumped])[0].text
 
 
 def test_limits_are_told_the_highest_force_and_the_stroke_of_the_amplitude():

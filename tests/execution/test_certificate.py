@@ -9,6 +9,7 @@ from fraexp_plugins.estimators.conventional import Conventional
 
 from fraexp.components.kinds import Plant
 from fraexp.components.registry import Registry, create
+from fraexp.data.findings import Quantity, remarks
 from fraexp.data.results import Outcome, Result
 from fraexp.data.signals import Verification
 from fraexp.execution.certificate import NUMERICAL_ERROR, certify
@@ -116,16 +117,16 @@ def test_what_the_motion_does_not_show_is_known_at_every_frequency(registry: Reg
 def test_a_doubt_of_the_estimator_leaves_that_of_the_computation():
     """The message must name all frequencies that do not hold: a reader takes the others as they are."""
     signals = simulated(guide(), (5.0, 20.0, 80.0), 12.0, tolerance=1e-4)
-    found = replace(Conventional().estimate(signals), outcome=Outcome.INACCURATE, message="noise at 5 Hz")
+    found = replace(Conventional().estimate(signals), outcome=Outcome.INACCURATE, findings=remarks("noise at 5 Hz"))
     error = np.array([1e-6, 1e-2, 2e-2])
     frequency = found.response.frequency
     verification = Verification(frequency, error, signals.segments, {"y": np.ones(3, complex)}, {})
     result = certify(Conventional(), replace(signals, verification=verification), found, 1e-4)
     assert result.outcome is Outcome.INACCURATE
-    assert result.message.startswith(
-        f"noise at 5 Hz; the computation falsifies the response at 2 of 3 frequencies "
-        f"({frequency[1]:.4g} to {frequency[2]:.4g} Hz), by 0.17 dB and 1.1 deg at {frequency[2]:.4g} Hz: "
-    )
+    noise, inexact = result.findings
+    assert (noise.text, inexact.kind, inexact.examined) == ("noise at 5 Hz", "inexact computation", 3)
+    assert inexact.frequencies == tuple(frequency[1:])
+    assert inexact.quantities[0] == Quantity(pytest.approx(0.1755, rel=1e-3), "dB", "response off by", frequency[2])
 
 
 def test_an_error_that_the_estimator_states_itself_is_added():

@@ -12,6 +12,7 @@ import pytest
 import pyuff
 from scipy.io import loadmat
 
+from fraexp.data.findings import remarks
 from fraexp.data.results import Curve, FrequencyResponse, Metric, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.result_files import WRITERS, export
@@ -45,7 +46,7 @@ def result(response: FrequencyResponse) -> Result:
         "loop 1/a", {"y": np.array([0.0, 1e-5, 0.0]), "f,1": np.array([1.0, -1.0, 1.0])}, {"y": "m", "f,1": "N"}
     )
     metric = Metric("settling time", 0.25, "s")
-    return Result(Outcome.NOT_SETTLED, "13 had not\nsettled", response, (metric,), (loop,))
+    return Result(Outcome.NOT_SETTLED, remarks("13 had not\nsettled"), response, (metric,), (loop,))
 
 
 def test_csv_holds_every_number_exactly(tmp_path: Path, result: Result, response: FrequencyResponse) -> None:
@@ -208,7 +209,10 @@ REFUSED: dict[str, tuple[Callable[[Result, Path], None], str]] = {
     ),
     "no suffix": (lambda r, p: export(r, {}, p / "a"), r"a: '' is not an export format"),
     "folder": (lambda r, p: export(r, {}, p / "x" / "a.csv"), r"a\.csv: cannot be written: No such file"),
-    "empty": (lambda r, p: export(Result(Outcome.DIVERGED, "why"), {}, p / "a.csv"), r"empty \(diverged: why\)"),
+    "empty": (
+        lambda r, p: export(Result(Outcome.DIVERGED, remarks("why")), {}, p / "a.csv"),
+        r"empty \(diverged: why\)",
+    ),
     "metrics as unv": (
         lambda r, p: export(Result(Outcome.OK, metrics=r.metrics), {}, p / "a.unv"),
         r"a \.unv file holds responses and curves of at least 2 points",

@@ -92,7 +92,7 @@ def test_plant_and_friction_of_both_contacts_are_found_from_a_wrong_start(record
 def test_a_contact_without_its_friction_does_not_fit(record):
     result = estimator(frictions={"motor": friction("motor")}).estimate(record)
     assert result.outcome is Outcome.INACCURATE
-    assert "the model does not fit" in result.message
+    assert result.findings[0].kind == "misfit"
 
 
 @pytest.mark.thorough

@@ -56,7 +56,7 @@ def test_law_numbers_and_plant_are_found_of_a_machine_of_which_nothing_is_known(
     signals = recorded(excitation=SINE)
     result = comparison(candidates=candidates_of(signals, "rolling", "dahl")).estimate(signals)
     assert result.outcome is Outcome.OK, result.message
-    assert "rolling predicts the records best" in result.message
+    assert result.findings[0].place == "rolling"
     found, curve = metrics(result), MACHINE["friction"]["curve"]
     assert found["verdict"] == 1
     assert found["rolling: held-out residual"] < 1.1
@@ -76,7 +76,7 @@ def test_none_fits_where_the_machines_law_is_no_candidate(recorded):
     signals = recorded(excitation=SINE)
     result = comparison(candidates=candidates_of(signals, "dahl")).estimate(signals)
     assert result.outcome is Outcome.INACCURATE
-    assert result.message.startswith("none of 1 laws fits")
+    assert result.findings[0].kind == "misfit"
     assert metrics(result)["verdict"] == 0
 
 
@@ -86,5 +86,5 @@ def test_the_simpler_of_two_laws_that_both_fit_wins(recorded):
     lugre = {**LUGRE, "static_force": 18.0}
     signals = recorded(dahl, {"name": "stepped_sine", "amplitude": 25.0, "points": 20})
     result = comparison(candidates=[lugre, dahl]).estimate(signals)
-    assert result.message.startswith("dahl predicts the records best")
+    assert result.findings[0].place == "dahl"
     assert metrics(result)["verdict"] == 1

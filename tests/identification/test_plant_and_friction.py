@@ -10,6 +10,7 @@ from fraexp_plugins.identification.autonomous.plant_and_friction import PlantAnd
 
 from fraexp.components.kinds import Controller, Excitation, FrictionModel, Plant
 from fraexp.components.registry import create
+from fraexp.data.findings import remarks
 from fraexp.data.results import Outcome
 from fraexp.data.signals import Settling
 from fraexp.errors import RecordError
@@ -169,8 +170,8 @@ def test_presliding_identifies_the_plant_and_names_what_it_does_not_identify(rec
     metrics = numbers(result)
     assert metrics["k0"] == pytest.approx(0.132, rel=3e-3)
     assert metrics["f1"] == pytest.approx(38.8, abs=0.02)
-    assert "Coulomb force is not identifiable" in result.message
-    assert "never slip" in result.message
+    found = next(each for each in result.findings if each.kind == "not identifiable")
+    assert (found.place, found.quantities[-1].name) == ("Coulomb force", "stiffness that never slips")
     friction = friction_of(registry, result)
     x = np.array([5e-6, 10e-6, 20e-6])
     curve = np.minimum(x[:, None], friction.limit_deflection) @ friction.element_stiffness
@@ -219,7 +220,9 @@ def test_what_has_not_settled_is_left_out(recorded):
     signals = recorded(stepped(12.0, 24.0, points=30))
     first, *others = signals.segments
     unsettled = replace(first, settling=Settling(False, 30.0, 0.1), channels=others[3].channels)
-    signals = replace(signals, segments=(unsettled, *others), outcome=Outcome.NOT_SETTLED, message="as a test")
+    signals = replace(
+        signals, segments=(unsettled, *others), outcome=Outcome.NOT_SETTLED, findings=remarks("as a test")
+    )
     result = identified(signals)
     assert result.outcome is Outcome.NOT_SETTLED
     assert "as a test" in result.message

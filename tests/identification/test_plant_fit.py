@@ -13,6 +13,7 @@ from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 
 from fraexp.components.registry import create, discover
+from fraexp.data.findings import remarks
 from fraexp.data.results import Outcome
 from fraexp.errors import ParameterError, RecordError
 from tests.examples import some, thorough
@@ -230,7 +231,7 @@ def eval_name(plant, name):
 
 
 def test_what_the_signals_say_is_passed_on(signals):
-    few = replace(signals, segments=signals.segments[:2], outcome=Outcome.NOT_SETTLED, message="as a test")
+    few = replace(signals, segments=signals.segments[:2], outcome=Outcome.NOT_SETTLED, findings=remarks("as a test"))
     result = ModalFit(method=Conventional()).estimate(few)
     assert result.outcome is Outcome.NOT_SETTLED
     assert "as a test" in result.message

@@ -1,6 +1,5 @@
 """Coulomb friction at several contacts: against a simulation that locates each event, sums of laws, and its limits."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -110,7 +109,10 @@ def test_a_load_that_sticks_has_no_response_that_counts():
     certified = {name: certify(each, signals, each.estimate(signals), 1e-4) for name, each in found.items()}
     assert certified["y"].outcome is Outcome.OK
     assert certified["y.load"].outcome is Outcome.NO_MOTION
-    assert "at 1 of 1 frequencies (150 Hz) friction holds y.load" in certified["y.load"].message
+    assert (certified["y.load"].findings[0].kind, certified["y.load"].findings[0].place) == (
+        "held by friction",
+        "y.load",
+    )
 
 
 def test_frequencies_at_which_a_load_sticks_take_no_others_with_them():
@@ -144,7 +146,7 @@ def test_an_encoder_does_not_hide_that_a_load_sticks(encoder):
     assert own.response.settled.all()
     np.testing.assert_array_equal(load.response.settled, ~stands)
     assert load.outcome is Outcome.INACCURATE
-    assert f"at {stands.sum()} of 8 frequencies" in load.message
+    assert len(load.findings[0].frequencies) == stands.sum()
 
 
 def test_the_proposed_method_says_how_far_standstill_may_put_it_off():
@@ -156,8 +158,9 @@ def test_the_proposed_method_says_how_far_standstill_may_put_it_off():
     plant = DRIVE.ports().response(2 * np.pi * found.response.frequency)
     error = np.abs(decibel(plant / found.response.response)).max()
     assert found.outcome is Outcome.INACCURATE
-    (stated,) = re.findall(r"contact motor or load stands .* off by up to ([\d.]+) dB", found.message)
-    assert 0.2 < error < float(stated) < 10 * error
+    hidden = next(each for each in found.findings if each.kind == "hidden by standstill")
+    assert hidden.place == "contact motor or load"
+    assert 0.2 < error < hidden.quantities[0].value < 15 * error
 
 
 @pytest.mark.parametrize("place", ["motor", "load"])

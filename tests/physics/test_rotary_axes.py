@@ -141,7 +141,9 @@ def test_messages_are_in_the_units_of_the_axis(tmp_path) -> None:
     limited = {**ROTARY, "loop": {**ROTARY["loop"], "divergence_limit": "10 urad"}}
     recording = fraexp.Workspace(tmp_path).simulate(limited, {**STEPPED[0], "amplitude": "7 N m"})
     assert recording.outcome == "diverged"
-    assert recording.signals.message == "at 1 Hz the displacement left ±1e-05 rad"
+    (found,) = recording.signals.findings
+    assert (found.kind, found.quantities[0].unit, found.frequencies) == ("diverged", "rad", (1.0,))
+    assert "loop.divergence_limit 10 µrad" in recording.signals.message
     assert set(recording.channels.values()) == {"N m", "rad"}
     assert recording.channels["y"] == recording.channels["displacement"] == "rad"
 

@@ -9,6 +9,7 @@ from fraexp_plugins.plants.modal import Modal
 from fraexp_plugins.positioning._shared.motion_profiles import s_curve, s_curve_velocity
 from fraexp_plugins.positioning.point_to_point import PointToPoint
 from fraexp_plugins.positioning.positioning_metrics import PositioningMetrics
+from pytest import approx
 
 from fraexp.components.kinds import Plant
 from fraexp.components.ports import StateSpace
@@ -154,19 +155,16 @@ def test_a_thrust_that_the_user_states_is_believed_and_so_is_an_axis_at_40_g():
 
 
 @pytest.mark.parametrize(
-    ("targets", "limit", "message"),
-    [
-        ((0.15,), 0.1, "the move leads to 0.15 m; loop.divergence_limit is ±0.1 m; shorten the move, or raise"),
-        ((0.09,), 0.1, "on a move of 0.09 m the displacement left ±0.1 m; correct the design model, or take more time"),
-    ],
+    ("targets", "named", "remedy"),
+    [((0.15,), "end of the move", "shorten the move"), ((0.09,), "length of the move", "correct the design model")],
 )
-def test_a_move_that_leaves_the_stroke_says_so_in_words_of_moves(targets, limit, message):
+def test_a_move_that_leaves_the_stroke_says_so_in_words_of_moves(targets, named, remedy):
     wrong = TABLE.model_copy(update={"rigid_body_gain": 0.066})  # twice the thrust
-    signals = moved(
-        loop={"divergence_limit": limit}, design=wrong, friction=FRICTIONLESS, targets=targets, duration=0.05
-    )
+    signals = moved(loop={"divergence_limit": 0.1}, design=wrong, friction=FRICTIONLESS, targets=targets, duration=0.05)
     assert signals.outcome is Outcome.DIVERGED
-    assert signals.message.startswith(message)
+    (found,) = signals.findings
+    assert (found.kind, found.quantities[1].name, found.quantities[1].value) == ("diverged", named, approx(targets[0]))
+    assert remedy in found.remedy
     assert "the amplitude, or the distance" in signals.outcome.value
 
 

@@ -5,8 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fraexp_plugins.positioning.positioning_metrics import PositioningMetrics
+from pytest import approx
 
 from fraexp.components.registry import discover
+from fraexp.data.findings import remarks
 from fraexp.data.results import Outcome
 from fraexp.data.signals import Segment, Signals
 from fraexp.errors import RecordError
@@ -41,15 +43,15 @@ def ringing(amplitude, frequency=40.0, decay=20.0, samples=400):
 def test_a_decaying_vibration():
     deviation = ringing(20e-6, frequency=25.0, decay=10.0)  # its extremes are samples, nearly
     found = metrics(signals(deviation, u=-30.0))
-    assert found["overshoot"] == pytest.approx(20e-6 * np.exp(-0.2), rel=0.01)
-    assert found["vibration frequency"] == pytest.approx(25.0, rel=0.02)
+    assert found["overshoot"] == approx(20e-6 * np.exp(-0.2), rel=0.01)
+    assert found["vibration frequency"] == approx(25.0, rel=0.02)
     extremes = 20e-6 * np.exp(-10 * np.array([0.02, 0.04]))
-    assert found["residual vibration"] == pytest.approx(extremes.sum() / 2, rel=0.01)
+    assert found["residual vibration"] == approx(extremes.sum() / 2, rel=0.01)
     last = np.flatnonzero(np.abs(deviation) > BAND)[-1]
     # the reference moves from sample 49 to sample 50, where the deviation begins
-    assert found["settling time"] == pytest.approx((last + 2) * SAMPLE_TIME_S)
-    assert found["first entry"] == pytest.approx((np.flatnonzero(np.abs(deviation) <= BAND)[0] + 1) * SAMPLE_TIME_S)
-    assert found["steady-state error"] == pytest.approx(0, abs=0.5e-6)
+    assert found["settling time"] == approx((last + 2) * SAMPLE_TIME_S)
+    assert found["first entry"] == approx((np.flatnonzero(np.abs(deviation) <= BAND)[0] + 1) * SAMPLE_TIME_S)
+    assert found["steady-state error"] == approx(0, abs=0.5e-6)
     assert found["peak thrust"] == 30.0
 
 
@@ -57,16 +59,20 @@ def test_a_decaying_vibration():
 def test_overshoot_is_what_goes_beyond_the_target_in_the_direction_of_the_move(target, start):
     direction = np.sign(target - start)
     beyond, short = direction * np.linspace(9e-6, 0, 200), -direction * np.linspace(9e-6, 0, 200)
-    assert metrics(signals(beyond, target, start))["overshoot"] == pytest.approx(9e-6)
-    assert metrics(signals(short, target, start))["overshoot"] == pytest.approx(0.0, abs=1e-15)
+    assert metrics(signals(beyond, target, start))["overshoot"] == approx(9e-6)
+    assert metrics(signals(short, target, start))["overshoot"] == approx(0.0, abs=1e-15)
 
 
 def test_how_often_the_band_is_left_again():
     deviation = np.concatenate([np.full(20, -9e-6), np.zeros(20), np.full(20, 9e-6), np.zeros(20), np.full(5, -5e-6)])
     found = metrics(signals(np.concatenate([deviation, np.zeros(100)])))
     assert found["departures"] == 2
-    assert found["first entry"] == pytest.approx(21e-3)
-    assert found["settling time"] == pytest.approx(86e-3)
+    assert found["first entry"] == approx(21e-3)
+    assert found["settling time"] == approx(86e-3)
+
+
+def named(result) -> dict[str, dict[str, float]]:
+    return {of.kind: {each.name: each.value for each in of.quantities} for of in result.findings}
 
 
 def test_what_stays_outside_has_no_settling_time_and_says_so():
@@ -74,21 +80,19 @@ def test_what_stays_outside_has_no_settling_time_and_says_so():
     result = PositioningMetrics(settling_window=BAND).estimate(of)
     found = metrics(of)
     assert np.isnan(found["settling time"]) and np.isnan(found["first entry"])
-    assert found["steady-state error"] == pytest.approx(5e-6)
+    assert found["steady-state error"] == approx(5e-6)
     assert result.outcome is Outcome.OK
-    assert result.message == (
-        "after 1 of 1 move the position is not within ±4 µm: it stays 5 µm off, as with wrong friction compensation or "
-        "plant gain; improve the friction model or the design model, or allow a longer dwell time or a wider "
-        "settling window"
-    )
+    assert named(result) == {"outside its window": {"settling window ±": BAND, "steady-state error": approx(5e-6)}}
 
 
 def test_what_goes_on_vibrating_is_told_apart_from_what_stays_off():
     result = PositioningMetrics(settling_window=BAND).estimate(signals(ringing(20e-6, frequency=25.0, decay=0.0)))
-    assert "±4 µm: it vibrates by 20 µm at 25 Hz, as with wrong modes; improve" in result.message
-    assert "off" not in result.message
+    assert set(named(result)["outside its window"]) == {"settling window ±", "vibration"}
+    assert "vibration 20 µm at 25 Hz" in result.message
     both = PositioningMetrics(settling_window=BAND).estimate(signals(30e-6 + ringing(20e-6, frequency=25.0, decay=0.0)))
-    assert "±4 µm: it stays 30 µm off and it vibrates by 20 µm at 25 Hz; improve" in both.message
+    assert named(both)["outside its window"] == {
+        "settling window ±": BAND, "steady-state error": approx(30e-6, rel=1e-2), "vibration": approx(20e-6, rel=1e-2),
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(("band", "target"), [(1.0, 1e-3), (4e-6, 1e-9)])
@@ -96,8 +100,7 @@ def test_a_move_within_the_band_tests_nothing_and_says_so(band, target):
     result = PositioningMetrics(settling_window=band).estimate(signals(np.zeros(200), target=target))
     found = {metric.name: metric.value for metric in result.metrics}
     assert np.isnan(found["settling time"]) and np.isnan(found["first entry"])
-    assert result.message.startswith("1 of 1 move is no longer than the settling window of ±")
-    assert result.message.endswith("which tests nothing: lower 'settling_window', or move farther")
+    assert named(result) == {"no longer than its window": {"settling window ±": band}}
 
 
 def test_a_small_correction_does_not_hide_the_move_before_it():
@@ -105,12 +108,9 @@ def test_a_small_correction_does_not_hide_the_move_before_it():
     y = np.concatenate([np.zeros(50), 1e-3 + ringing(30e-6), np.full(400, 1.001e-3)])
     channels = {"y": y[None], "reference": reference[None]}
     of = Signals((Segment(SAMPLE_TIME_S, channels, np.array([1])),), {"y": "m", "reference": "m"})
-    assert metrics(of)["settling time"] == pytest.approx(metrics(signals(ringing(30e-6)))["settling time"])
-    assert (
-        PositioningMetrics(settling_window=BAND)
-        .estimate(of)
-        .message.startswith("1 of 2 moves is no longer than the settling window of ±4 µm")
-    )
+    assert metrics(of)["settling time"] == approx(metrics(signals(ringing(30e-6)))["settling time"])
+    (found,) = PositioningMetrics(settling_window=BAND).estimate(of).findings
+    assert (found.kind, found.place) == ("no longer than its window", "1 of 2 moves")
 
 
 def test_the_scale_is_no_vibration():
@@ -159,7 +159,9 @@ def test_what_cannot_be_judged_is_refused():
 
 
 def test_a_loop_that_diverged_has_no_metrics_but_its_outcome():
-    found = PositioningMetrics().estimate(Signals((), {"y": "m", "reference": "m"}, Outcome.DIVERGED, "it left"))
+    found = PositioningMetrics().estimate(
+        Signals((), {"y": "m", "reference": "m"}, Outcome.DIVERGED, remarks("it left"))
+    )
     assert (found.outcome, found.message, found.metrics) == (Outcome.DIVERGED, "it left", ())
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from sqlalchemy import text
 
+from fraexp.data.findings import remarks
 from fraexp.data.results import Curve, FrequencyResponse, Metric, Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.store import ComponentOrigin, Store
@@ -57,7 +58,9 @@ def _response(points: int = 3) -> FrequencyResponse:
 
 def _result(value: float = 1.5) -> Result:
     curve = Curve("loop", {"y": np.arange(4.0), "f": np.ones(4)}, {"y": "m", "f": "N"})
-    return Result(Outcome.OK, "all well", _response(), (Metric("overshoot", value, "1"),), (curve,), elapsed=0.5)
+    return Result(
+        Outcome.OK, remarks("all well"), _response(), (Metric("overshoot", value, "1"),), (curve,), elapsed=0.5
+    )
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ OF_A_SWEEP = {
     "a metric that is missing": "DELETE FROM metric",
     "an array": "UPDATE frequency_response SET response = covariance",
     "an array of a curve": "DELETE FROM curve_column WHERE name = 'f'",
-    "a message": "UPDATE sweep SET message = 'all bad'",
+    "a finding": """UPDATE sweep SET findings = '[{"kind": "no motion"}]'""",
     "an outcome": "UPDATE sweep SET outcome = 'NOT_SETTLED'",
     "a computing time": "UPDATE sweep SET elapsed = 2",
     "an origin": "UPDATE supplied_component SET source_hash = 'another'",

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fraexp.data.findings import remarks
 from fraexp.data.results import Metric, Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.errors import StoreError
@@ -40,10 +41,10 @@ def filled(store):
         point("fit", "x", "d"),
     )
     first = store.begin_run("paper/old", "f", "c", {}, [a, b])
-    store.save(first, [(a, OK, {}), (b, Result(Outcome.NOT_SETTLED, "after 60 s"), {})])
+    store.save(first, [(a, OK, {}), (b, Result(Outcome.NOT_SETTLED, remarks("after 60 s")), {})])
     second = store.begin_run("new", "f", "c", {}, [d, c, a])
     metrics = (Metric("peak force", 14.5, "N"),)
-    store.save(second, [(c, Result(Outcome.DIVERGED, "100 % gone", metrics=metrics, elapsed=2.0), {})])
+    store.save(second, [(c, Result(Outcome.DIVERGED, remarks("100 % gone"), metrics=metrics, elapsed=2.0), {})])
     store.reuse(second, [a.key])
     store.fail(second, d.key, "killed", "log")
     store.tag([a.key, c.key], "baseline")

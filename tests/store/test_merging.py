@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from fraexp.data.findings import remarks
 from fraexp.data.results import Metric, Outcome
 from fraexp.errors import StoreError
 from fraexp.store import MergeSummary, Store
@@ -145,7 +146,7 @@ def spoil(file, statement) -> None:
 
 DAMAGE = {
     "UPDATE sweep SET outcome = 'ok'": "it cannot be read, or its parameters are damaged; left out",
-    "UPDATE sweep SET message = 'all bad'": "its row is damaged; it is left out",
+    "UPDATE sweep SET findings = '[]'": "its row is damaged; it is left out",
     "UPDATE frequency_response SET response = x'00'": "result damaged and left out",
     "UPDATE metric SET value = 1.25": "result damaged and left out",
     "DELETE FROM curve_column": "result damaged and left out",
@@ -197,16 +198,16 @@ def test_whatever_differs_is_a_conflict_with_both_texts_and_nothing_is_overwritt
     response = theirs.response.response.copy()
     response[1] *= 1 + 1e-3
     changed = replace(theirs.response, response=response)
-    theirs = replace(theirs, message="half well", numerics="8 lanes", response=changed)
+    theirs = replace(theirs, findings=remarks("half well"), numerics="8 lanes", response=changed)
     store.save(begin_in(store, [sweep()]), [(sweep(), first, origin)])
     other.save(begin_in(other, [sweep()]), [(sweep(), theirs, {})])
     for one, text in ((store, "drifts"), (other, "is fine")):
         one.annotate(sweep().key, text)
     other.tag([sweep().key], "laser")
     (conflict,) = joined(store, other).conflicts
-    assert set(conflict.what) == {"message", "numerics", "origins", "note", "response", "metrics"}
+    assert set(conflict.what) == {"findings", "numerics", "origins", "note", "response", "metrics"}
     assert 'note: "drifts" here, "is fine" there' in conflict.how
-    assert 'message: "all well" here, "half well" there' in conflict.how
+    assert 'findings: text "all well" here, "half well" there' in conflict.how
     assert "estimator proposed: " in conflict.how
     assert "response: response by " in conflict.how
     assert "overshoot 1.5 here, 1.6 there" in conflict.how

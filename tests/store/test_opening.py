@@ -10,12 +10,13 @@ import pytest
 
 from fraexp.errors import StoreError
 from fraexp.store import Store
+from fraexp.store.tables import SCHEMA_NUMBER
 
 HOLDS = """
 import sqlite3, sys
 connection = sqlite3.connect(sys.argv[1], isolation_level=None)
 connection.execute(sys.argv[2])
-connection.execute("UPDATE sweep SET message = message")
+connection.execute("UPDATE sweep SET findings = findings")
 print("ready", flush=True)
 sys.stdin.read()
 """
@@ -103,7 +104,9 @@ def test_a_database_of_another_schema_is_left_alone(store, path, options, statem
     store.close()
     with closing(sqlite3.connect(path)) as connection, connection:
         connection.execute(statement)
-    refused(path, f"the database has {found}, this fraexp needs schema 1; open it with the version", **options)
+    refused(
+        path, f"the database has {found}, this fraexp needs schema {SCHEMA_NUMBER}; open it with the version", **options
+    )
 
 
 def test_a_damaged_database_is_reported(store, path):

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from fraexp.data.findings import KINDS, Finding, Quantity
 from fraexp.data.results import Curve, FrequencyResponse, Metric, Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.errors import StoreError
@@ -68,10 +69,21 @@ def curves(draw: st.DrawFn) -> Curve:
     return Curve(draw(text), columns, {name: draw(text) for name in columns})
 
 
+quantities = st.builds(Quantity, st.floats(-1e9, np.inf), text, text, st.none() | st.floats(1e-3, 1e5))
+findings = st.builds(
+    Finding,
+    st.sampled_from(tuple(KINDS)) | text.filter(bool),  # a kind of another version is kept, too
+    st.lists(quantities, max_size=2).map(tuple),
+    st.lists(st.floats(1e-3, 1e5), max_size=3).map(tuple),
+    st.integers(0, 9),
+    text,
+    text,
+    text,
+)
 results = st.builds(
     Result,
     outcome=st.sampled_from(Outcome),
-    message=text,
+    findings=st.lists(findings, max_size=3).map(tuple),
     response=st.none() | responses(),
     metrics=st.lists(st.builds(Metric, text, unsigned_zero, text), max_size=3).map(tuple),
     curves=st.lists(curves(), max_size=3).map(tuple),

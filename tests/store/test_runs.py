@@ -4,6 +4,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
+from fraexp.data.findings import remarks
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import StoreError
 from fraexp.store import Store, liveness
@@ -49,7 +50,7 @@ def test_a_failed_attempt_keeps_the_older_result(store, begin, sweep, result):
 def test_a_new_result_replaces_the_older_one_entirely(store, begin, sweep, result, origin):
     run = begin([sweep()])
     store.save(run, [(sweep(), result(), origin)])
-    store.save(run, [(sweep(), Result(Outcome.NOT_SETTLED, "after 60 s"), {})])
+    store.save(run, [(sweep(), Result(Outcome.NOT_SETTLED, remarks("after 60 s")), {})])
     found = store.result(sweep().key)
     assert (found.outcome, found.message) == (Outcome.NOT_SETTLED, "after 60 s")
     assert (found.response, found.metrics, found.curves) == (None, (), ())

@@ -18,6 +18,7 @@ import sys
 import numpy as np
 from sqlalchemy import event
 from sqlalchemy.engine import Engine
+from fraexp.data.findings import remarks
 from fraexp.data.results import Curve, Metric, Outcome, Result
 from fraexp.store import Store
 from fraexp.store import ComponentOrigin
@@ -33,7 +34,7 @@ curve = Curve("loop", {"y": np.zeros(300_000)}, {"y": "m"})  # larger than the c
 results = [(point, Result(Outcome.OK, metrics=(Metric("m", 1.0, "1"),), curves=(curve,)), {}) for point in grid]
 store = Store.open(sys.argv[1])
 run = store.begin_run("s", "f", "c", {}, grid)
-store.save(run, [(point, Result(Outcome.OK, "first"), {}) for point, _, _ in results[:2]])
+store.save(run, [(point, Result(Outcome.OK, remarks("first")), {}) for point, _, _ in results[:2]])
 event.listen(Engine, "after_cursor_execute", stop)
 store.save(run, results)
 """

@@ -14,7 +14,7 @@ def drawn(amplitude: float, draw: int, stiffness: float) -> StoredSweep:
     experiment = {"source": "loop", "excitation": {"amplitude": amplitude}, "friction": friction}
     labels = {"excitation.amplitude": amplitude, "draw": draw, "friction.stiffness": stiffness}
     key = f"fx2-{amplitude:g}-{draw}"
-    return StoredSweep(key, experiment, {"name": "h1"}, labels, Outcome.OK, "", 0.0, None, "computed")
+    return StoredSweep(key, experiment, {"name": "h1"}, labels, Outcome.OK, (), 0.0, None, "computed")
 
 
 def test_a_group_shows_the_median_of_what_differs_within_it() -> None:

@@ -4,6 +4,7 @@ from datetime import UTC, datetime
 
 import pytest
 
+from fraexp.data.findings import remarks
 from fraexp.data.results import Outcome
 from fraexp.store import StoredSweep
 from fraexp.views.listing import fit_columns, listing_columns
@@ -12,7 +13,7 @@ from fraexp.views.listing import fit_columns, listing_columns
 def listed(**changes) -> StoredSweep:
     values = {
         "key": "fx1-0123456789abcdef", "labels": {"excitation.amplitude": 12.0, "loop.delay": 1.0}, "state": "computed",
-        "outcome": Outcome.NOT_SETTLED, "message": "1 of 30", "estimator": {"name": "proposed"},
+        "outcome": Outcome.NOT_SETTLED, "findings": remarks("1 of 30"), "estimator": {"name": "proposed"},
         "experiment": {"source": "loop", "friction": {"name": "rolling"}}, "elapsed": 0.5,
         "created": datetime(2026, 1, 31, 12, tzinfo=UTC), "run": 7, "study": "bench", "tags": ("good", "ours"),
         "note": "look at 80 Hz",

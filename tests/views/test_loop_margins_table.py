@@ -29,7 +29,7 @@ def of(values: np.ndarray, **changes: Any) -> FrequencyResponse:
 
 
 def sweep(estimator: dict[str, Any], experiment: dict[str, Any]) -> StoredSweep:
-    return StoredSweep("fx1-0", experiment, estimator, {}, Outcome.OK, "", 1.0, None, "computed")
+    return StoredSweep("fx1-0", experiment, estimator, {}, Outcome.OK, (), 1.0, None, "computed")
 
 
 def values(sweep: StoredSweep, response: FrequencyResponse, registry: Registry, around: Any = None) -> dict[str, float]:

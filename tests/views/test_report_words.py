@@ -22,7 +22,7 @@ def run(state: str = "complete") -> RunSummary:
 
 
 def sweeps(*outcomes: Outcome | None) -> list[StoredSweep]:
-    return [StoredSweep(f"fx1-{n}", {}, {}, {}, of, "", 1.0, NOW, "computed") for n, of in enumerate(outcomes)]
+    return [StoredSweep(f"fx1-{n}", {}, {}, {}, of, (), 1.0, NOW, "computed") for n, of in enumerate(outcomes)]
 
 
 def test_the_verdict_is_in_words() -> None:

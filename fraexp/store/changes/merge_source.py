@@ -27,7 +27,7 @@ MAX_ARRAY_BYTES = 2**25
 """Maximum size of the arrays in memory, except for a single sweep with more."""
 BYTES_PER_FREQUENCY = 400
 """Approximate size of the arrays of a response."""
-RESULT_COLUMNS = ("outcome", "message", "elapsed", "numerics", "created", "digest", "content", "origins")
+RESULT_COLUMNS = ("outcome", "findings", "elapsed", "numerics", "created", "digest", "content", "origins")
 """Columns of a sweep that a result has set."""
 Transaction = Callable[[], AbstractContextManager[Connection]]
 Rows = dict[str, list[RowValues]]
@@ -60,7 +60,7 @@ class SourceSweep:
 def find_keys(source: Transaction) -> list[str]:
     """Return the keys of all sweeps, also of those that an index or a table has lost, in their order."""
     by_key = select(sweep.c.key).order_by(sweep.c.key)
-    unused_index = select(sweep.c.key, sweep.c.message)
+    unused_index = select(sweep.c.key, sweep.c.findings)
     in_runs = select(run_sweep.c.key, run_sweep.c.message)
     found: set[str] = set()
     with source() as connection:

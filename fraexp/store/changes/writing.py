@@ -266,7 +266,7 @@ def _sweep_row(item: Sweep) -> RowValues:
 def _new_sweep_row(item: Sweep) -> RowValues:
     """Return the row of a sweep without a result."""
     row = _sweep_row(item)
-    empty = {"outcome": None, "message": "", "elapsed": 0.0, "created": None}
+    empty: RowValues = {"outcome": None, "findings": [], "elapsed": 0.0, "created": None}
     return row | {"digest": digests.listed_digest(row | empty), "origins": digests.origins_digest(item.key, ())}
 
 
@@ -281,7 +281,8 @@ def _text_or_none(value: object) -> str | None:
 def _outcome_row(
     item: Sweep, result: Result, created: datetime, tables: Mapping[str, list[RowValues]], origins: list[RowValues]
 ) -> RowValues:
-    row: RowValues = {"outcome": result.outcome.name, "message": result.message, "numerics": result.numerics}
+    row: RowValues = {"outcome": result.outcome.name, "numerics": result.numerics}
+    row["findings"] = [found.plain() for found in result.findings]
     row |= {"elapsed": float(result.elapsed), "created": created}
     whole = _sweep_row(item) | row
     row |= {"digest": digests.listed_digest(whole), "content": digests.result_digest(whole, tables)}

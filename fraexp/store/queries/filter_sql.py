@@ -43,6 +43,8 @@ RELATIVE_TOLERANCE = 1e-9
 """Relative difference up to which numbers are equal: 0.1 um is not exactly 1e-7."""
 UNUSABLE = "unusable"
 """Word for failed attempts and unusable results alike."""
+findings_text = cast(sweep.c.findings, Text)
+"""JSON of a result's findings: a search finds their kinds and their texts."""
 run_view = run_sweep.alias("run_view")
 """A sweep in one run: the latest one, or the requested one."""
 SWEEP_KEY = sweep.c.key
@@ -55,7 +57,7 @@ SWEEP_COLUMNS: Columns = {
     "study": select(run.c.study).where(run.c.number == run_view.c.run).scalar_subquery(),
     "run": run_view.c.run,
     "note": select(note.c.text).where(note.c.key == SWEEP_KEY).scalar_subquery(),
-    "message": func.coalesce(func.nullif(run_view.c.message, ""), sweep.c.message),
+    "message": func.coalesce(func.nullif(run_view.c.message, ""), func.nullif(findings_text, "[]"), ""),
     "elapsed": sweep.c.elapsed,
     "created": sweep.c.created,
 }
@@ -288,7 +290,7 @@ def _anywhere_sql(word: str, number: int | None) -> ColumnElement[bool]:
     return or_(
         *(func.coalesce(sweep.c[f"{name}_name"].in_(words), false()) for name in COMPONENT_COLUMNS),
         _in_run_sql(number, or_(run_sweep.c.run.in_(runs), written, in_message)),
-        and_(sweep.c.message.icontains(word, autoescape=True), not_(_in_run_sql(number, run_sweep.c.message != ""))),
+        and_(findings_text.icontains(escaped, autoescape=True), not_(_in_run_sql(number, run_sweep.c.message != ""))),
         SWEEP_KEY.in_(select(tag.c.key).where(tag.c.name.icontains(word, autoescape=True))),
         _key_prefix_sql(word),
     )

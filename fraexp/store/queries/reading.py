@@ -6,10 +6,11 @@ from datetime import datetime
 
 from sqlalchemy import Connection, RowMapping, and_, false, func, or_, select
 
+from fraexp.data.findings import remarks
 from fraexp.data.identity import key_heads
 from fraexp.data.results import UNUSABLE_OUTCOMES, Outcome
 from fraexp.errors import StoreError
-from fraexp.store import shared_sections
+from fraexp.store import codec, shared_sections
 from fraexp.store.damage import DAMAGED, RESTORE_HINT, read_tolerantly
 from fraexp.store.digests import (
     LISTED_COLUMNS,
@@ -206,7 +207,7 @@ def read_log(connection: Connection, key: str) -> str:
 def damaged_sweep(key: object, number: int | None = None) -> StoredSweep:
     """Return what is shown instead of a damaged sweep; SQLite may hold even bytes where its key should be."""
     name = key if isinstance(key, str) else f"key-{key!r}"
-    return StoredSweep(name, {}, {}, {}, Outcome.DAMAGED, DAMAGED, 0.0, None, "computed", run=number)
+    return StoredSweep(name, {}, {}, {}, Outcome.DAMAGED, remarks(DAMAGED), 0.0, None, "computed", run=number)
 
 
 def _listing_query(*conditions: Expression) -> Query:
@@ -277,7 +278,8 @@ def _stored_sweep(
         estimator=estimator,
         labels=row["labels"] or {},
         outcome=Outcome[row["outcome"]] if row["outcome"] else None,
-        message=row["failure"] or row["message"],
+        findings=codec.parse_findings(row["findings"]),
+        failure=row["failure"] or "",
         elapsed=row["elapsed"],
         created=row["created"],
         state=row["state"] or "computed",

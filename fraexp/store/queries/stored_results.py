@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from sqlalchemy import Connection, func, or_, select
 
+from fraexp.data.findings import remarks
 from fraexp.data.results import Outcome, Result
 from fraexp.store import codec, digests
 from fraexp.store.damage import DAMAGED, read_tolerantly
@@ -99,4 +100,4 @@ def _read_results(connection: Connection, keys: list[str]) -> dict[str, Result]:
 
 def damaged_result() -> Result:
     """Return what is shown instead of a damaged result."""
-    return Result(Outcome.DAMAGED, DAMAGED)
+    return Result(Outcome.DAMAGED, remarks(DAMAGED))

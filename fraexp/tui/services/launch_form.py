@@ -10,7 +10,7 @@ from fraexp.components.kinds import KINDS_BY_PORT, nested_kind
 from fraexp.components.parameters import Parameters, inherited_from
 from fraexp.components.registry import Registry
 from fraexp.data import toml
-from fraexp.data.rotary_axes import is_rotary, rotary_text, rotary_unit
+from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.sweep import components_by_port
 from fraexp.study.paths import unit_at
 from fraexp.study.sections import COMPONENTS, GRID, SECTIONS, SETTINGS
@@ -159,16 +159,16 @@ def _parameter_field(
     path: str, info: FieldInfo, values: Sequence[object], preset: object, title: str, rotary: bool
 ) -> FormField:
     name = path.rpartition(".")[2]
-    document = parameter_document(name, info)
+    document = parameter_document(name, info, rotary=rotary)
     origin, same = inherited_from(info), all(value == values[0] for value in values)
     instead = "required" if document["required"] else entry_text(document["default"])
     instead = f"from {origin}" if origin else entry_text(preset) if preset is not None else instead
-    entry = ParameterEntry(path, info, "")
+    entry = ParameterEntry(path, info, "", rotary)
     return FormField(
         path,
         entry_text(values[0]) if same else "",
-        rotary_unit(document["unit"]) if rotary else document["unit"],
-        rotary_text(entry.hint) if rotary else entry.hint,
+        document["unit"],
+        entry.hint,
         (instead or "not given") if same else CASES_DIFFER,
         entry.choices,
         (f"{title}.{name}", f"{title} lacks '{name}'", f"{title}: {name}"),

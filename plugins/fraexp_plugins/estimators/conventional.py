@@ -4,10 +4,9 @@ from dataclasses import replace
 from typing import ClassVar
 
 from fraexp.api import Result, Signals, param, phasors, response_result
-from fraexp_plugins.estimators._shared.coarse_motion import coarse_motion_text, recorded_step
+from fraexp_plugins.estimators._shared.coarse_motion import coarse_motion, recorded_step
 from fraexp_plugins.estimators._shared.delayed_estimator import PlantReferredEstimator
 from fraexp_plugins.estimators._shared.neighbouring_lines import with_noise_of_neighbours
-from fraexp_plugins.estimators._shared.response_doubts import with_doubt
 from fraexp_plugins.estimators._shared.rounding_band import with_rounding
 
 
@@ -43,5 +42,5 @@ class Conventional(PlantReferredEstimator, name="conventional", version=4):
         response = with_noise_of_neighbours(found.response, signals.segments, (self.input, self.output))
         resolution = self.resolution or recorded_step(signals.segments, self.output)
         found = replace(found, response=with_rounding(response, signals.segments, self.output, resolution))
-        coarse = coarse_motion_text(signals.segments, self.output, resolution, signals.encoder)
-        return with_doubt(found, coarse) if coarse else found
+        coarse = coarse_motion(signals.segments, self.output, resolution, signals.encoder)
+        return found.with_findings(coarse, is_doubt=True)

@@ -22,4 +22,4 @@ class Drift(Estimator, name="drift", version=1):
             time = (np.arange(means.size) + 0.5) * segment.samples * segment.sample_time
             curves.append(Curve("drift", {"time": time, "position": means}, {"time": "s", "position": unit}))
             metrics.append(Metric("drift", float(means[-1] - means[min(1, means.size - 1)]), unit))
-        return Result(signals.outcome, signals.message, curves=tuple(curves), metrics=tuple(metrics))
+        return Result(signals.outcome, signals.findings, curves=tuple(curves), metrics=tuple(metrics))

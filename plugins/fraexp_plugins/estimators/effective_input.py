@@ -47,14 +47,10 @@ from fraexp_plugins.estimators._shared.parameter_uncertainty import (
 )
 from fraexp_plugins.estimators._shared.plant_above_modes import MAX_ERROR, PlantAboveModes
 from fraexp_plugins.estimators._shared.response_doubts import (
-    MAX_STANDSTILL_ERROR,
-    check_contact_standstill,
+    check_standstill,
     check_unbanded_encoder,
-    join_messages,
     judge_band,
-    standstill_text,
-    weak_terms_text,
-    with_doubt,
+    weak_terms,
 )
 from fraexp_plugins.estimators._shared.rounding_band import with_rounding
 from fraexp_plugins.estimators._shared.single_periods import as_single_periods
@@ -208,7 +204,7 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=8):
     def estimate(self, signals: Signals) -> Result:
         """Return y'/û_e at each frequency."""
         if not signals.segments:
-            return Result(signals.outcome, signals.message)
+            return Result(signals.outcome, signals.findings)
         if any(segment.stated and not segment.stated.has_amplitude for segment in signals.segments):
             raise RecordError(
                 "friction depends on the amplitude, which the response does not state; give record.input_amplitude "
@@ -333,13 +329,13 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=8):
         """Return a result with its uncertainty by encoder and friction model, and with all that makes it doubtful."""
         if found.response is None:
             return found
-        response, message = found.response, found.message
+        response = found.response
         if self.frictions and (self.noise or self.resolution):
             found = check_unbanded_encoder(found, self._encoder_error(forces, response))
         elif self._encoder_matters(signals):
             plant = PlantAboveModes.of_gain(gain_above_modes(response, relative_degree), relative_degree)
             response, weak = self._with_encoder_errors(signals, response, plant)
-            found = replace(found, response=response, message=join_messages(message, weak_terms_text(response, weak)))
+            found = replace(found, response=response).with_findings(weak_terms(response, weak))
         segments, record = forces.signals.segments, None
         hidden = [hidden_forces(each.observer, segments) for each in forces.contacts]
         if any(map(any, hidden)):  # what standstill hides is no error of the model
@@ -462,11 +458,7 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=8):
         (own,) = hidden
         with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
             error = self._response_with(forces, own, found.response) / found.response.response - 1
-        error = np.where(np.isfinite(error), error, 0.0)
-        if np.abs(error).max() <= MAX_STANDSTILL_ERROR:
-            return found
-        share = max(each.share for each in own if each)
-        return with_doubt(found, standstill_text(found.response.frequency, error, share))
+        return check_standstill(found, error, max(each.share for each in own if each))
 
     def _check_contacts_standstill(
         self, forces: ContactForces, hidden: Sequence[Sequence[HiddenForce | None]], found: Result
@@ -485,7 +477,8 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=8):
             error += np.concatenate(force) / found.response.input_amplitude
             names += [contact.name] if any(own) else []
             shares += [each.share for each in own if each]
-        return check_contact_standstill(found, error, names, max(shares))
+        remedy = "raise the amplitude, or estimate plant and friction along the whole record (maximum_likelihood)"
+        return check_standstill(found, error, max(shares), names, remedy)
 
     def _response_with(
         self, forces: ContactForces, hidden: Sequence[HiddenForce | None], found: FrequencyResponse

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve, Metric, RecordError, Segment, Signals, fourier_sums, frequency_text, param
+from fraexp.api import Curve, Finding, Metric, RecordError, Segment, Signals, fourier_sums, param
 from fraexp_plugins.estimators._shared.realisations import (
     Group,
     Part,
@@ -84,7 +84,7 @@ class FastBestLinearApproximation(ReferencedEstimator, name="fast_best_linear_ap
             nonlinear_variance=np.maximum(total - noise, 0.0) / square if is_separated else None,
             curves=(_level_curve(group[0].frequency, levels, signals.unit(self.output)),),
             metrics=_level_metrics(levels),
-            remark=_sensitivity_text(group[0].frequency[sensitive]),
+            remarks=_sensitivity(group[0].frequency[sensitive]),
         )
 
     def _band(self, group: Group, response: NDArray[np.complex128]) -> "_Band":
@@ -199,14 +199,15 @@ def _normalised_chances(log_likelihoods: list[NDArray[np.float64]]) -> NDArray[n
     return np.asarray(chances / np.add.reduce(chances))
 
 
-def _sensitivity_text(frequency: NDArray[np.float64]) -> str:
+def _sensitivity(frequency: NDArray[np.float64]) -> tuple[Finding, ...]:
     if not frequency.size:
-        return ""
-    return (
-        f"at {frequency.size} lines ({frequency_text(frequency)}), around a resonance or an "
-        "antiresonance, the confidence band depends on whether the distortions follow the response, and may cover less "
-        "than 95 %: record several realisations and use best_linear_approximation"
+        return ()
+    text = (
+        "around a resonance or an antiresonance the confidence band depends on whether the distortions follow the "
+        "response, and may cover less than 95 %"
     )
+    remedy = "record several realisations and use best_linear_approximation"
+    return (Finding("remark", (), tuple(map(float, frequency)), text=text, remedy=remedy),)
 
 
 def _trend_weights(at: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -45,7 +45,7 @@ class FeedbackCompensated(PlantReferredEstimator, name="feedback_compensated", v
         found = response_result(signals, inputs, outputs, names=(name, self.output), units=units)
         peaks = [float(np.max(np.abs(segment.channels[self.compensation]))) for segment in signals.segments]
         metric = Metric("peak compensation", max(peaks, default=0.0), signals.unit(self.compensation))
-        return Result(found.outcome, found.message, found.response, metrics=(metric,))
+        return Result(found.outcome, found.findings, found.response, metrics=(metric,))
 
     def _uncompensated_input(self, segment: Segment) -> NDArray[np.complex128]:
         """Return the phasors of the input less the compensation in each period, shape (periods, lines)."""

@@ -10,15 +10,18 @@ from numpy.typing import NDArray
 
 from fraexp.api import (
     Curve,
+    Finding,
     FrictionModel,
     Metric,
     ParameterError,
+    Quantity,
     RecordError,
     Result,
     Segment,
     Signals,
     param,
     phasors,
+    remarks,
 )
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT, ObserverEstimator
 from fraexp_plugins.estimators._shared.realisations import (
@@ -96,9 +99,9 @@ class FrictionModelTest(ObserverEstimator, name="friction_model_test", version=2
                 return found
             scatter = _scatter_curve(parts)
             verdicts = list(self._verdicts(scatter, parts))
-        message = found.message or _verdict_message(verdicts)
+        findings = found.findings or _verdict_findings(verdicts)
         metrics = tuple(metric for verdict in verdicts for metric in verdict.metrics())
-        return Result(found.outcome, message, found.response, metrics, (scatter,))
+        return Result(found.outcome, findings, found.response, metrics, (scatter,))
 
     def _check_bands(self, segments: Sequence[Segment]) -> None:
         """Raise RecordError if a band has no line."""
@@ -205,21 +208,18 @@ def _ratio_limit(lines: int, scatter: int, noise: int) -> float:
     return float(np.sqrt(fdtri(scatter, noise, quantile)))
 
 
-def _verdict_message(verdicts: Sequence[_Verdict]) -> str:
+def _verdict_findings(verdicts: Sequence[_Verdict]) -> tuple[Finding, ...]:
     if any(np.isnan(each.verdict) for each in verdicts):
-        return (
+        return remarks(
             "the noise floor is not identifiable from one period, and the scatter is above scatter_tolerance; record "
             "two periods or more"
         )
     failed = [each for each in verdicts if not each.verdict]
     if not failed:
-        return ""
-    worst = max(failed, key=lambda each: each.scatter)
+        return ()
+    worst = Quantity(100 * max(each.scatter for each in failed), "%", "scatter of y'/û_e between realisations")
     bands = ", ".join(verdict.band for verdict in failed)
-    return (
-        f"the friction model does not explain {bands}: y'/û_e scatters by up to {worst.scatter:.0%} "
-        "between realisations; identify the friction model again"
-    )
+    return (Finding("misfit", (worst,), place=bands, remedy="identify the friction model again"),)
 
 
 def _scatter_curve(parts: Sequence[Part]) -> Curve:

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Signals, param
+from fraexp.api import Signals, param, remarks
 from fraexp_plugins.estimators._shared.hann_windows import (
     independent_windows,
     window_bins,
@@ -63,7 +63,7 @@ class H1H2Hv(BroadbandEstimator, name="h1_h2_hv", version=2):
             coherence=spectra.coherence,
         )
         if not all(one.periodic for one in group) and spectra.independent <= 1:
-            return replace(part, inaccuracy=ONE_WINDOW)
+            return replace(part, doubts=remarks(ONE_WINDOW))
         windowed = partial(self._windowed, group)
         return with_leakage(part, group, self.input, samples, bins, windowed, is_inverse=self.variant == "h2")
 

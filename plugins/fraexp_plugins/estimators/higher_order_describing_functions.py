@@ -1,6 +1,7 @@
 """Higher-order sinusoidal-input describing functions: the response to a sine at its harmonics."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -8,15 +9,15 @@ from numpy.typing import NDArray
 
 from fraexp.api import (
     Curve,
+    Finding,
     Metric,
-    Outcome,
     Plant,
+    Quantity,
     RecordError,
     Result,
     Segment,
     Signals,
     fourier_sums,
-    frequency_text,
     param,
     phasors,
     response_result,
@@ -72,7 +73,7 @@ class HigherOrderDescribingFunctions(PlantReferredEstimator, name="higher_order_
         """Return H_1 as response, each H_k and the total harmonic distortion as curves, and its greatest value."""
         units = (signals.unit(self.input), signals.unit(self.output))
         if not signals.segments:
-            return Result(signals.outcome, signals.message)
+            return Result(signals.outcome, signals.findings)
         _check_single_sines(signals.segments)
         paths = [self._paths(s, s.frequency) for s in signals.segments]
         inputs = [phasors(s, self.input) * path.before for s, path in zip(signals.segments, paths, strict=True)]
@@ -83,7 +84,7 @@ class HigherOrderDescribingFunctions(PlantReferredEstimator, name="higher_order_
         removal = self._removal(frequency, u, y) if self.remove_input_harmonics else _no_removal(y)
         y = y - removal.removed
         distortion = _distortion(y, removal.error)
-        inaccurate = _inaccuracy_text(frequency, y, np.where(removal.is_known, removal.error, 0.0))
+        inaccurate = _inaccuracy(frequency, y, np.where(removal.is_known, removal.error, 0.0))
         y = np.where(removal.is_known, y, np.nan)
         curves = self._curves(frequency, u[:, 0], y, f"{units[1]}/{units[0]}")
         thd = Curve(
@@ -91,10 +92,8 @@ class HigherOrderDescribingFunctions(PlantReferredEstimator, name="higher_order_
         )
         greatest = float(np.nanmax(distortion)) if np.isfinite(distortion).any() else np.nan
         metric = Metric("greatest total harmonic distortion", greatest, "1")
-        outcome = Outcome.INACCURATE if inaccurate and found.outcome is Outcome.OK else found.outcome
-        texts = (found.message, inaccurate, _unknown_text(frequency, y, distortion))
-        message = "; ".join(text for text in texts if text)
-        return Result(outcome, message, found.response, (metric,), (*curves, thd))
+        found = replace(found, metrics=(metric,), curves=(*curves, thd))
+        return found.with_findings(inaccurate, is_doubt=True).with_findings(_unknown(frequency, y, distortion))
 
     def _paths(self, segment: Segment, frequency: NDArray[np.float64]) -> "_Paths":
         """Return the paths before and behind the plant at `frequency` [Hz]; ones if they are to stay."""
@@ -253,36 +252,49 @@ def _increment_error(
     return np.asarray(INCREMENT_FACTORS[0] * distortion[:, None] + INCREMENT_FACTORS[1] * there)
 
 
-def _inaccuracy_text(frequency: NDArray[np.float64], y: NDArray[np.complex128], error: NDArray[np.float64]) -> str:
-    """Return the largest error by the removal of the input's harmonics, and what helps; empty if it is small."""
+def _inaccuracy(
+    frequency: NDArray[np.float64], y: NDArray[np.complex128], error: NDArray[np.float64]
+) -> Finding | None:
+    """Return the largest error by the removal of the input's harmonics, and what helps; None if it is small."""
     size = np.where(np.isfinite(y), np.abs(y), 0.0)[:, 1:]
     if not size.size:
-        return ""
+        return None
     least = np.maximum(RELEVANT_RATIO * size.max(axis=1, keepdims=True), NEGLIGIBLE_AMPLITUDE * np.abs(y[:, :1]))
     matters = size > least
     relative = np.where(matters, error[:, 1:] / np.where(matters, size, 1.0), 0.0)
     if relative.max() <= MAX_RELATIVE_ERROR:
-        return ""
+        return None
     row, column = np.unravel_index(np.argmax(relative), relative.shape)
     rows = frequency[np.any(relative > MAX_RELATIVE_ERROR, axis=1)]
-    return (
-        f"the removal of the input's harmonics leaves an error of about {relative[row, column]:.1%} in H{column + 2} "
-        f"at {frequency[row]:.4g} Hz, more than {MAX_RELATIVE_ERROR:.0%} at {frequency_text(rows)}: "
-        "measure at closer frequencies or give 'plant', lower the amplitude, or measure with a slower controller"
+    error_there = Quantity(100 * float(relative[row, column]), "%", f"error of H{column + 2}", float(frequency[row]))
+    return Finding(
+        "remark",
+        (error_there,),
+        tuple(map(float, rows)),
+        text="the removal of the input's harmonics leaves an error",
+        remedy="measure at closer frequencies or give 'plant', lower the amplitude, or take a slower controller",
     )
 
 
-def _unknown_text(frequency: NDArray[np.float64], y: NDArray[np.complex128], distortion: NDArray[np.float64]) -> str:
-    """Return where harmonics are unknown, why, and what helps; empty if all are known."""
+def _unknown(
+    frequency: NDArray[np.float64], y: NDArray[np.complex128], distortion: NDArray[np.float64]
+) -> Finding | None:
+    """Return where harmonics are unknown, why, and what helps; None if all are known."""
     unknown = ~np.isfinite(y) & np.isfinite(y[:, :1])
     if not unknown.any():
-        return ""
+        return None
     orders = [f"H{k + 1} at {np.sum(rows)}" for k, rows in enumerate(unknown.T) if rows.any()]
-    return (
-        f"unknown: {', '.join(orders)} of {frequency.size} frequencies, the first at "
-        f"{frequency[unknown.any(axis=1)].min():.4g} Hz, because the input contains these harmonics and the response "
-        "to them is not known well enough, or because they lie above half of the sample rate; the distortion is known "
-        f"at {np.isfinite(distortion).sum()}: measure up to the highest harmonic, give 'plant', or lower max_order"
+    return Finding(
+        "remark",
+        (),
+        tuple(map(float, frequency[unknown.any(axis=1)])),
+        frequency.size,
+        text=(
+            f"unknown: {', '.join(orders)}, because the input contains these harmonics and the response to them is not "
+            "known well enough, or because they lie above half of the sample rate; the distortion is known at "
+            f"{np.isfinite(distortion).sum()}; unknown harmonics"
+        ),
+        remedy="measure up to the highest harmonic, give 'plant', or lower max_order",
     )
 
 

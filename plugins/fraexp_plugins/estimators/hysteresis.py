@@ -31,7 +31,7 @@ class Hysteresis(Estimator, name="hysteresis", version=1):
         loops = [self._loop(segment, measured) for segment in signals.segments]
         curves = tuple(Curve("hysteresis", loop, units) for loop in loops)
         metrics = tuple(metric for loop in loops for metric in _metrics(loop, units))
-        return Result(signals.outcome, signals.message, curves=curves, metrics=metrics)
+        return Result(signals.outcome, signals.findings, curves=curves, metrics=metrics)
 
     def _loop(self, segment: Segment, measured: bool) -> dict[str, NDArray[np.float64]]:
         displacement = segment.channels[self.displacement][-1]

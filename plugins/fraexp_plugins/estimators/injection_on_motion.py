@@ -11,6 +11,7 @@ from fraexp.api import (
     Curve,
     FrequencyResponse,
     Metric,
+    Quantity,
     RecordError,
     Result,
     Segment,
@@ -91,7 +92,7 @@ class InjectionOnMotion(PlantReferredEstimator, name="injection_on_motion", vers
         count = Metric("blocks", float(min(len(one.output) for one in found)), "1")
         return Result(
             result.outcome,
-            result.message,
+            result.findings,
             response,
             (*apparent_mass_metrics(response), count),
             (apparent_mass_curve(response),),
@@ -109,8 +110,9 @@ class InjectionOnMotion(PlantReferredEstimator, name="injection_on_motion", vers
         if len(starts) < 2:
             raise RecordError(
                 f"injection_on_motion: {len(starts)} blocks of {block * segment.sample_time:.4g} s slide "
-                f"without reversal at {self.min_speed:g} m/s or more; expected 2: move farther or faster, inject with "
-                "a shorter period, or lower min_speed"
+                "without reversal at ",
+                Quantity(self.min_speed, "m/s"),
+                " or more; expected 2: move farther or faster, inject with a shorter period, or lower min_speed",
             )
         delay = round((self.input_dead_time + self.output_dead_time) / segment.sample_time)
         return _block_phasors(u, y, starts, _Modulation.of(lines, block, self.order), delay)

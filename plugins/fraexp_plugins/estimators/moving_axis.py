@@ -7,7 +7,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Metric, Outcome, RecordError, Result, Segment, Signals, param, response_result
+from fraexp.api import Finding, Metric, Outcome, Quantity, RecordError, Result, Segment, Signals, param, response_result
 from fraexp_plugins.estimators._shared.delayed_estimator import PlantReferredEstimator
 
 MAX_VELOCITY_CHANGE = 1e-6
@@ -61,9 +61,8 @@ class MovingAxis(PlantReferredEstimator, name="moving_axis", version=1):
             Metric("stretches per frequency", min(len(blocks.output) for blocks in found), "1"),
             Metric("residual over amplitude", max(blocks.residual for blocks in found), "1"),
         )
-        return Result(
-            result.outcome, result.message or _residual_message(result.outcome, found), result.response, metrics
-        )
+        remarks = result.findings or _residual_remarks(result.outcome, found)
+        return Result(result.outcome, remarks, result.response, metrics)
 
     def _blocks(self, segment: Segment) -> "_Blocks":
         if segment.lines.size != 1:
@@ -163,12 +162,10 @@ def _sine_fit(u: NDArray[np.float64], y: NDArray[np.float64], begin: int, turn: 
     return _SineFit(coefficients[2] + 1j * coefficients[3], float(np.sqrt(max(smooth, 0.0))))
 
 
-def _residual_message(outcome: Outcome, found: list[_Blocks]) -> str:
-    """Return a sentence if a constant velocity and the sine do not describe the blocks."""
+def _residual_remarks(outcome: Outcome, found: list[_Blocks]) -> tuple[Finding, ...]:
+    """Return a finding if a constant velocity and the sine do not describe the blocks."""
     worst = max(blocks.residual for blocks in found)
     if outcome is not Outcome.OK or worst < 1:
-        return ""
-    return (
-        f"the residual between reversals is {worst:.2g} times the sine's amplitude; check that the base motion has a "
-        "constant velocity there"
-    )
+        return ()
+    residual = Quantity(worst, "1", "residual between reversals over the sine's amplitude")
+    return (Finding("misfit", (residual,), remedy="check that the base motion has a constant velocity there"),)

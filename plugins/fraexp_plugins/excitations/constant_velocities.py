@@ -1,6 +1,6 @@
 """The position reference back and forth at one constant velocity after another, for viscous friction."""
 
-from fraexp.api import ParameterError, Period, param
+from fraexp.api import ParameterError, Period, Quantity, param
 from fraexp_plugins.excitations._shared.reference_motion import (
     ReferenceMotion,
     check_duration,
@@ -27,8 +27,15 @@ class ConstantVelocities(ReferenceMotion, name="constant_velocities", version=1)
         needed = 4 * max(self.velocities) ** 2 / self.acceleration
         if self.travel < needed:
             raise ParameterError(
-                f"constant_velocities.travel is {self.travel:g} m; at {max(self.velocities):g} m/s and "
-                f"{self.acceleration:g} m/s² expected {needed:.3g} m or more, half of it at constant velocity"
+                "constant_velocities.travel is ",
+                Quantity(self.travel, "m"),
+                "; at ",
+                Quantity(max(self.velocities), "m/s"),
+                " and ",
+                Quantity(self.acceleration, "m/s^2"),
+                " expected ",
+                Quantity(needed, "m"),
+                " or more, half of it at constant velocity",
             )
 
     def check(self, sample_time: float) -> None:

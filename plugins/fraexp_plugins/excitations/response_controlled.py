@@ -7,7 +7,7 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Period, Segment, param
+from fraexp.api import Finding, Period, Quantity, Segment, param
 from fraexp_plugins.excitations._shared.sampling import sine_wave
 from fraexp_plugins.excitations._shared.settled_excitation import SteppedExcitation
 
@@ -80,21 +80,23 @@ class ResponseControlled(SteppedExcitation, name="response_controlled", version=
         """Return the maximum force [N], and the stroke [m] of the amplitude that is aimed at."""
         return self.max_force, 2 * self.displacement
 
-    def remark(self, segments: Sequence[Segment]) -> str:
+    def findings(self, segments: Sequence[Segment]) -> tuple[Finding, ...]:
         """Return at how many frequencies the amplitude was missed, and why; empty if at none."""
         found = [(self._response(segment), self._is_at_max_force(segment)) for segment in segments]
         missed = [pair for pair in found if abs(pair[0] / self.displacement - 1) > self.accuracy]
-        reasons = {
-            True: f"at max_force, {self.max_force:g} N, they reach",
-            False: "the response jumps over it, or the search ended before; they reach",
-        }
+        texts = {True: "limited by max_force", False: "the response jumps over it, or the search ended before"}
         remarks = []
-        for at_max_force, reason in reasons.items():
+        for at_max_force, text in texts.items():
             reached = [response for response, is_at_max in missed if is_at_max == at_max_force]
             if reached:
-                aim = f"{len(reached)} of {len(segments)} frequencies miss {_micrometres(self.displacement)}"
-                remarks.append(f"{aim}: {reason} {_micrometres(min(reached), max(reached))}")
-        return "; ".join(remarks)
+                lengths = (
+                    Quantity(self.displacement, "m", "aim"),
+                    Quantity(min(reached), "m", "reached from"),
+                    Quantity(max(reached), "m", "to"),
+                )
+                place = f"amplitude at {len(reached)} of {len(segments)} frequencies"
+                remarks.append(Finding("remark", lengths, place=place, text=text))
+        return tuple(remarks)
 
     def _response(self, segment: Segment) -> float:
         """Return the amplitude of the response [m]."""
@@ -144,11 +146,6 @@ def _logarithmic_slope(trials: Sequence[ForceTrial]) -> float:
     if last.force == previous.force:
         return 1.0
     return float(np.log(last.response / previous.response) / np.log(last.force / previous.force))
-
-
-def _micrometres(*lengths: float) -> str:
-    """Return a length [m], or a range of them, as text."""
-    return " to ".join(dict.fromkeys(f"{1e6 * length:.4g}" for length in lengths)) + " µm"
 
 
 def _amplitude(wave: NDArray[np.float64], line: int) -> float:

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve, Estimator, Metric, RecordError, Result, Segment, Signals, param
+from fraexp.api import Curve, Estimator, Finding, Metric, Quantity, RecordError, Result, Segment, Signals, param
 
 REST_TOLERANCE = 1e-9
 """Change of the reference per sample, relative to its range, up to which it rests."""
@@ -48,44 +48,34 @@ class PositioningMetrics(Estimator, name="positioning_metrics", version=2):
         """Return the metrics of the worst move, and time, position, reference, error, target, band and thrust."""
         units = {"position": signals.unit(self.output), "reference": signals.unit(self.reference)}
         if not signals.segments:
-            return Result(signals.outcome, signals.message)
+            return Result(signals.outcome, signals.findings)
         moves = [move for segment in signals.segments for move in self._moves(segment)]
         curves = tuple(self._curve(segment, signals.units, units) for segment in signals.segments)
-        message = signals.message or "; ".join(self._remarks(moves, units["position"]))
-        return Result(signals.outcome, message, metrics=tuple(_worst_metrics(moves, signals, self)), curves=curves)
+        findings = signals.findings or tuple(self._remarks(moves))
+        return Result(signals.outcome, findings, metrics=tuple(_worst_metrics(moves, signals, self)), curves=curves)
 
-    def _remarks(self, moves: Sequence["_Move"], unit: str) -> Iterator[str]:
-        """Yield remarks on moves that test nothing, and on those after which the position is outside the window."""
-        window, short = f"±{_length_text(self.settling_window, unit)}", sum(not move.is_tested for move in moves)
+    def _remarks(self, moves: Sequence["_Move"]) -> Iterator[Finding]:
+        """Yield findings on moves that test nothing, and on those after which the position is outside the window."""
+        window, short = Quantity(self.settling_window, "m", "settling window ±"), sum(not of.is_tested for of in moves)
         if short:
-            yield (
-                f"{short} of {_count_text(len(moves))} {'is' if short == 1 else 'are'} no longer than the settling "
-                f"window of {window}, which tests nothing: lower 'settling_window', or move farther"
-            )
+            yield Finding("no longer than its window", (window,), place=f"{short} of {_count_text(len(moves))}")
         outside = [move for move in moves if move.is_tested and np.isnan(move.settling_time)]
         if outside:
-            share = f"{len(outside)} of {_count_text(len(moves))}"
-            yield f"after {share} the position is not within {window}: {self._reason(outside, unit)}"
+            place, (found, remedy) = f"{len(outside)} of {_count_text(len(moves))}", self._behaviour(outside)
+            yield Finding("outside its window", (window, *found), place=place, remedy=remedy)
 
-    def _reason(self, outside: Sequence["_Move"], unit: str) -> str:
-        """Return why the position may be outside the settling window, and what may help."""
+    def _behaviour(self, outside: Sequence["_Move"]) -> tuple[list[Quantity], str]:
+        """Return what keeps the position outside the settling window, and what may help."""
         if self.settling_window < self.resolution + 3 * self.noise:
             known = (("quantisation step", self.resolution), ("noise", self.noise))
-            flaws = " and a ".join(f"{name} of {_length_text(value, unit)}" for name, value in known if value)
-            return f"the encoder has a {flaws}; take a wider settling window, or a better encoder"
-        off = max((move.steady_state_error for move in outside), key=abs)
+            flaws = [Quantity(value, "m", f"{name} of the encoder") for name, value in known if value]
+            return flaws, "take a wider settling window, or a better encoder"
+        off = max(abs(move.steady_state_error) for move in outside)
         ringing = max(outside, key=lambda move: move.vibration)
-        stays = f"it stays {_length_text(abs(off), unit)} off" if abs(off) > self.settling_window else ""
-        swing = f"{_length_text(ringing.vibration, unit)} at {ringing.frequency:.3g} Hz"
-        vibrates = f"it vibrates by {swing}" if ringing.vibration > self.settling_window else ""
-        models = (
-            "improve the friction model or the design model, or allow a longer dwell time or a wider settling window"
-        )
-        cause = (
-            "" if stays and vibrates else ", as with wrong modes" if vibrates else COMPENSATION_CAUSE if stays else ""
-        )
-        behaviour = " and ".join(filter(None, (stays, vibrates)))
-        return f"{behaviour}{cause}; {models}" if behaviour else models
+        found = [Quantity(off, "m", "steady-state error")] if off > self.settling_window else []
+        if ringing.vibration > self.settling_window:
+            found.append(Quantity(ringing.vibration, "m", "vibration", ringing.frequency))
+        return found, ""
 
     def _moves(self, segment: Segment) -> list["_Move"]:
         y, r = (segment.channels[name].ravel() for name in (self.output, self.reference))
@@ -187,13 +177,6 @@ class _Move:
             ),
             peak_thrust=float(np.abs(u).max()),
         )
-
-
-def _length_text(value: float, unit: str) -> str:
-    """Return a length as text in a readable unit; of another quantity, the value in its unit."""
-    sizes = ((1.0, 1.0, "m"), (1e-3, 1e3, "mm"), (1e-7, 1e6, "µm"), (0.0, 1e9, "nm"))
-    factor, shown = next((f, name) for least, f, name in sizes if value >= least) if unit == "m" else (1.0, unit)
-    return f"{factor * value:.3g} {shown}"
 
 
 def _count_text(count: int) -> str:

@@ -12,10 +12,12 @@ from fraexp.api import (
     Controller,
     Curve,
     Estimator,
+    Finding,
     Fit,
     FrictionModel,
     Metric,
     ParameterError,
+    Quantity,
     RecordError,
     Result,
     Signals,
@@ -158,8 +160,10 @@ class LoopTuning(Estimator, name="loop_tuning", version=3):
         """Check that amplitudes and errors leave something to tune."""
         if self.max_amplitude <= self.min_amplitude:
             raise ParameterError(
-                f"loop_tuning.max_amplitude is {self.max_amplitude:g} m; expected more than min_amplitude, "
-                f"{self.min_amplitude:g} m"
+                "loop_tuning.max_amplitude is ",
+                Quantity(self.max_amplitude, "m"),
+                "; expected more than min_amplitude, ",
+                Quantity(self.min_amplitude, "m"),
             )
         if self.model_error >= 1:
             raise ParameterError(f"loop_tuning.model_error is {self.model_error:g}; expected less than 1")
@@ -173,9 +177,7 @@ class LoopTuning(Estimator, name="loop_tuning", version=3):
         if fit is None:
             fitted = ModalFit(method=self.method).fit_response(found.response)
             (fit,) = fitted.fits
-            found = replace(
-                found, message="; ".join(filter(None, (found.message, fitted.message))), fits=(*found.fits, fit)
-            )
+            found = replace(found.with_findings(*fitted.findings), fits=(*found.fits, fit))
         loop = _Loop.from_fit(self, fit, found, LoopPath.of_loop(self, signals, found, fit))
         tuned = loop.search(self).best()
         if tuned is None:
@@ -183,7 +185,7 @@ class LoopTuning(Estimator, name="loop_tuning", version=3):
         before = self._curves(loop, self.controller, "given loop") if self.controller else ()
         return replace(
             found,
-            message="; ".join(filter(None, (found.message, *self._remarks(loop, tuned)))),
+            findings=(*found.findings, *self._remarks(loop, tuned)),
             metrics=(*self._metrics(loop, tuned, fit), *found.metrics),
             curves=(*before, *self._curves(loop, tuned, "tuned loop"), *found.curves),
             fits=(*found.fits, _controller_fit(tuned)),
@@ -203,16 +205,16 @@ class LoopTuning(Estimator, name="loop_tuning", version=3):
             f"{widest:.2g} of the plant; {advice}"
         )
 
-    def _remarks(self, loop: "_Loop", tuned: NotchedPid) -> Iterator[str]:
+    def _remarks(self, loop: "_Loop", tuned: NotchedPid) -> Iterator[Finding]:
         for name, controller in (("given", self.controller), ("tuned", tuned)):
             if controller is None:
                 continue
             if not loop.is_stable(controller):
-                yield f"the {name} loop is unstable without friction"
+                yield Finding("remark", text=f"the {name} loop is unstable without friction")
             for cycle in loop.limit_cycles(controller):
                 kind = "a limit cycle" if cycle.is_stable else "an unstable limit cycle"
-                size = f"{cycle.amplitude * 1e6:.3g} µm at {cycle.frequency:.3g} Hz"
-                yield f"the {name} loop has {kind} by friction: {size}"
+                size = Quantity(cycle.amplitude, "m", "amplitude", cycle.frequency)
+                yield Finding("remark", (size,), text=f"the {name} loop has {kind} by friction")
 
     def _metrics(self, loop: "_Loop", tuned: NotchedPid, fit: Fit) -> Iterator[Metric]:
         for prefix, controller in (("", tuned), ("given ", self.controller)):

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Encoder, Segment, frequency_text, grid_step
+from fraexp.api import Encoder, Finding, Quantity, Segment, at_worst, grid_step
 
 NEGLIGIBLE_SHARE = 1e-5
 """Step over the range of a channel below which its rounding is negligible: that of the numbers in a file."""
@@ -32,27 +32,24 @@ def recorded_step(segments: Sequence[Segment], channel: str) -> float:
     return step if step >= NEGLIGIBLE_SHARE * float(np.ptp(samples)) else 0.0
 
 
-def coarse_motion_text(segments: Sequence[Segment], output: str, resolution: float, encoder: Encoder | None) -> str:
+def coarse_motion(
+    segments: Sequence[Segment], output: str, resolution: float, encoder: Encoder | None
+) -> Finding | None:
     """Return where the output moves by so few steps that rounding may spoil the response, and how far.
 
     `resolution` is the step [unit of the output].
     Noise that differs from period to period blurs the rounding; without it each period is rounded alike.
     """
     if not resolution:
-        return ""
+        return None
     errors = [_rounding_error(segment, output, resolution, encoder) for segment in segments]
     error = np.repeat(errors, [segment.lines.size for segment in segments])
-    coarse = np.flatnonzero(error > MAX_ERROR)
-    if not coarse.size:
-        return ""
+    coarse = error > MAX_ERROR
+    if not coarse.any():
+        return None
     frequency = np.concatenate([segment.frequency for segment in segments])
-    worst = int(np.argmax(error))
-    size = "by any amount" if error[worst] >= 1 else f"by up to {20 * np.log10(1 + error[worst]):.2g} dB"
-    return (
-        f"the motion is of few encoder steps of {resolution:.3g} at {coarse.size} of {error.size} frequencies "
-        f"({frequency_text(frequency[coarse])}), and no noise blurs its rounding: at {frequency[worst]:.4g} Hz the "
-        f"response may be off {size}; raise the amplitude, or use a finer encoder"
-    )
+    step = Quantity(resolution, "m", "encoder step")
+    return at_worst("few encoder steps", frequency, coarse, error, "response off by up to", quantities=(step,))
 
 
 def _rounding_error(segment: Segment, output: str, resolution: float, encoder: Encoder | None) -> float:

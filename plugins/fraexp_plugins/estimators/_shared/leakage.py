@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import frequency_text
+from fraexp.api import at_worst
 from fraexp_plugins.estimators._shared.hann_windows import independent_windows, longest_record
 from fraexp_plugins.estimators._shared.realisations import Group, Part, circular_covariance
 
@@ -63,7 +63,7 @@ def with_leakage(
     estimate: Estimate,
     is_inverse: bool = False,
 ) -> Part:
-    """Return a response from windows of so many samples with its bias in the covariance, and a message if it is large.
+    """Return a response from windows of so many samples with its bias in the covariance, and a finding if it is large.
 
     `channel` tells how many windows are independent. The estimates are of the inverse response if that is the one
     whose denominator has no noise.
@@ -118,7 +118,7 @@ def _running_mean(values: NDArray[np.float64], count: int) -> NDArray[np.float64
 
 
 def _with_bias(part: Part, bias: NDArray[np.complex128], evidence: _Evidence) -> Part:
-    """Return a response with a bias in the covariance where there is evidence of it, and a message if it is large."""
+    """Return a response with a bias in the covariance where there is evidence of it, and a finding if it is large."""
     if not evidence.is_likely.any():
         return part
     square = np.where(evidence.is_likely, np.abs(bias) ** 2 * evidence.excess, 0.0)
@@ -128,13 +128,5 @@ def _with_bias(part: Part, bias: NDArray[np.complex128], evidence: _Evidence) ->
     affected = evidence.is_significant & (relative > MIN_RELATIVE_BIAS) & (square > total_variance(part.covariance))
     if not affected.any():
         return inflated
-    worst = int(np.argmax(np.where(affected, relative, 0.0)))
-    where = part.frequency[affected]
-    size = f"about {relative[worst]:.0%}" if relative[worst] < 1 else "100% or more"
-    text = (
-        f"the windows leak: the response is off by {size} at {part.frequency[worst]:.4g} Hz, and "
-        f"by more than {MIN_RELATIVE_BIAS:.0%} at {affected.sum()} of {affected.size} lines "
-        f"({frequency_text(where)}), as windows of another length show; the confidence band includes it: use a longer "
-        "window, local_polynomial, or a periodic excitation"
-    )
-    return replace(inflated, inaccuracy=text)
+    leak = at_worst("leakage", part.frequency, affected, relative, "response off by about")
+    return replace(inflated, doubts=(leak,))

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    Finding,
     ParameterError,
     RecordError,
     Segment,
     Signals,
     circle_factor,
-    frequency_text,
     param,
     phasors,
     record_spectrum,
@@ -94,17 +94,17 @@ class LocalEstimator(BroadbandEstimator, ABC):
             output_amplitude=_amplitude(group, self.output),
             noise_variance=noise,
             nonlinear_variance=nonlinear,
-            inaccuracy=self._inaccuracy(group, reference, relative),
+            doubts=self._doubts(group, reference, relative),
         )
 
-    def _inaccuracy(self, group: Group, reference: str, relative: NDArray[np.float64]) -> str:
+    def _doubts(self, group: Group, reference: str, relative: NDArray[np.float64]) -> tuple[Finding, ...]:
         """Return where one record does not determine the response; empty if nowhere, or if periods repeat."""
         if not self._is_one_record(group[0]):
-            return ""
+            return ()
         unknowns = self.model(feedback=reference != self.input).unknowns + self.order
         windows = all_windows(group[0], self._half_width(unknowns))
         smoothness = np.min([drive_smoothness(segment, reference, windows, self.order) for segment in group], axis=0)
-        return _undetermined_text(group[0].frequency, relative, smoothness)
+        return _undetermined(group[0].frequency, relative, smoothness)
 
     def _reference(self, signals: Signals, group: Group) -> str:
         """Return the channel to which spectra are related: the excitation, or the input if no feedback acts on it."""
@@ -153,9 +153,9 @@ def _relative_to(reference: NDArray[np.complex128], found: LocalEstimate) -> Loc
     return replace(found, output=found.output / reference, input=found.input / reference, leverage=leverage)
 
 
-def _undetermined_text(
+def _undetermined(
     frequency: NDArray[np.float64], relative: NDArray[np.float64], smoothness: NDArray[np.float64]
-) -> str:
+) -> tuple[Finding, ...]:
     """Return where the response is not determined; empty if at few lines.
 
     There the radius of the confidence region, relative to the response, is 1 or more, or the excitation is as smooth
@@ -163,18 +163,15 @@ def _undetermined_text(
     """
     unknown = (relative >= 1) | (smoothness > MAX_SMOOTHNESS)
     if np.mean(unknown) <= MAX_UNKNOWN_SHARE:
-        return ""
+        return ()
     is_smooth = np.mean(smoothness[unknown] > MAX_SMOOTHNESS) > 0.5
-    cause = (
+    remedy = (
         "the excitation is as smooth over frequency as that of a chirp, which does not tell response from transient: "
         "take h1_h2_hv with a 'window' of a tenth of the record, or excite with noise or periods that repeat"
         if is_smooth
-        else "the confidence band is as wide as the response: excite more there, or record for longer"
+        else ""
     )
-    return (
-        f"the record does not determine the response at {unknown.sum()} of {unknown.size} frequencies "
-        f"({frequency_text(frequency[unknown])}); {cause}"
-    )
+    return (Finding("undetermined", (), tuple(map(float, frequency[unknown])), unknown.size, remedy=remedy),)
 
 
 def _amplitude(group: Group, channel: str) -> NDArray[np.float64]:

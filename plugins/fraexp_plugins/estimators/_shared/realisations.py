@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fraexp.api import (
     HARMONICS,
     Curve,
+    Finding,
     FrequencyResponse,
     Metric,
     Outcome,
@@ -19,10 +20,10 @@ from fraexp.api import (
     Segment,
     Settling,
     Signals,
-    frequency_text,
+    find_steady_motion,
     param,
     phasors,
-    steady_motion_text,
+    silence,
 )
 from fraexp_plugins.estimators._shared.delayed_estimator import PlantReferredEstimator
 
@@ -47,10 +48,10 @@ class Part:
     coherence: NDArray[np.float64] | None = None
     curves: tuple[Curve, ...] = ()
     metrics: tuple[Metric, ...] = ()
-    remark: str = ""
+    remarks: tuple[Finding, ...] = ()
     """What users should know of a sound response."""
-    inaccuracy: str = ""
-    """How far, and where, the response may be off, and what helps; empty for a sound one."""
+    doubts: tuple[Finding, ...] = ()
+    """How far, and where, the response may be off; empty for a sound one."""
 
 
 class BroadbandEstimator(PlantReferredEstimator, ABC):
@@ -68,8 +69,8 @@ class BroadbandEstimator(PlantReferredEstimator, ABC):
 
     def _checked_part(self, signals: Signals, group: Group) -> Part:
         found = self.part(signals, group)
-        moving = "" if self.removes_motion else steady_motion_text(group, self.output, signals.unit(self.output))
-        return replace(found, inaccuracy="; ".join(filter(None, (moving, found.inaccuracy)))) if moving else found
+        moving = None if self.removes_motion else find_steady_motion(group, self.output, signals.unit(self.output))
+        return replace(found, doubts=(moving, *found.doubts)) if moving else found
 
     @abstractmethod
     def part(self, signals: Signals, group: Group) -> Part:
@@ -143,7 +144,7 @@ def circular_covariance(variance: NDArray[np.float64]) -> NDArray[np.float64]:
 def combine_parts(signals: Signals, parts: Sequence[Part], *, names: tuple[str, str], units: tuple[str, str]) -> Result:
     """Return the response of all parts together, by ascending frequency within each part."""
     if not parts:
-        return Result(signals.outcome, signals.message)
+        return Result(signals.outcome, signals.findings)
     ratio = _concatenated(parts, "response")
     silent = ~np.isfinite(ratio) | (ratio == 0)
     settlings = [_settling(part) for part in parts]
@@ -167,16 +168,12 @@ def combine_parts(signals: Signals, parts: Sequence[Part], *, names: tuple[str, 
     )
     curves = tuple(curve for part in parts for curve in part.curves)
     metrics = tuple(metric for part in parts for metric in part.metrics)
-    outcome, message = signals.outcome, signals.message
-    if silent.any() and outcome is Outcome.OK:
+    found = Result(signals.outcome, signals.findings, response, metrics, curves)
+    if silent.any() and signals.outcome is Outcome.OK:
         outcome = Outcome.NO_MOTION if silent.all() else Outcome.INACCURATE
-        places = f"{silent.sum()} of {silent.size} frequencies ({frequency_text(response.frequency[silent])})"
-        message = f"at {places} input or output does not move"
-    elif outcome is Outcome.OK and any(part.inaccuracy for part in parts):
-        outcome = Outcome.INACCURATE
-    texts = (message, *(part.inaccuracy for part in parts), *(part.remark for part in parts))
-    message = "; ".join(dict.fromkeys(text for text in texts if text))
-    return Result(outcome, message, response, metrics, curves)
+        found = replace(found, outcome=outcome, findings=(silence(response.frequency, silent),))
+    found = found.with_findings(*dict.fromkeys(doubt for part in parts for doubt in part.doubts), is_doubt=True)
+    return found.with_findings(*dict.fromkeys(remark for part in parts for remark in part.remarks))
 
 
 def _as_array(values: float | NDArray[np.float64]) -> NDArray[np.float64]:

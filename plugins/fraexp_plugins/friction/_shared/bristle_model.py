@@ -3,7 +3,7 @@
 from abc import ABC
 from typing import ClassVar
 
-from fraexp.api import FrictionModel, ParameterError, param
+from fraexp.api import FrictionModel, ParameterError, Quantity, param
 
 PUBLISHED = {
     "bristle_stiffness": 1e5,
@@ -51,5 +51,8 @@ def check_static_force(name: str, static_force: float, coulomb_force: float) -> 
     """Refuse friction that rises with the velocity: forces in N."""
     if static_force < coulomb_force:
         raise ParameterError(
-            f"{name}.static_force is {static_force:g} N; it must be at least coulomb_force, {coulomb_force:g} N"
+            f"{name}.static_force is ",
+            Quantity(static_force, "N"),
+            "; it must be at least coulomb_force, ",
+            Quantity(coulomb_force, "N"),
         )

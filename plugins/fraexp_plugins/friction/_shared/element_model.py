@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import FrictionModel, ParameterError, Parameters, param
+from fraexp.api import FrictionModel, ParameterError, Parameters, Quantity, param
 
 
 class VirginCurve(Parameters):
@@ -41,7 +41,8 @@ class VirginCurve(Parameters):
             )
         first, last = self.min_knot or 0.01 * width, self.max_knot or 5 * width
         if self.elements > 1 and first >= last:
-            raise ParameterError(f"min_knot is {first:g} m; it must be below max_knot, {last:g} m")
+            knots_given = Quantity(first, "m"), Quantity(last, "m")
+            raise ParameterError("min_knot is ", knots_given[0], "; it must be below max_knot, ", knots_given[1])
         knots = np.geomspace(first, last, self.elements) if self.elements > 1 else np.array([last])
         shape = 1 - np.exp(-knots / width) if self.shape == "exponential" else knots / (knots + width)
         return knots, force * shape / shape[-1]

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Fit, FrictionModel, Metric, Outcome, Result
+from fraexp.api import Finding, Fit, FrictionModel, Metric, Outcome, Quantity, Result
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification._shared.law_numbers import unit_of_field
 from fraexp_plugins.identification.autonomous._autonomous_elements import (
@@ -212,11 +212,12 @@ class LawReport:
         yield Metric("Stribeck force", self.found.law.static_excess, "1")
         yield Metric("scatter after", self.scatter, "1")
 
-    def summary(self) -> str:
-        """Return the law in words."""
-        return f"friction is that of {self.found.law.name}, at velocities up to {self.speed:.2g} m/s"
+    def summary(self) -> Finding:
+        """Return the law."""
+        speed = Quantity(self.speed, "m/s", "velocities up to")
+        return Finding("remark", (speed,), text=f"friction is that of {self.found.law.name}")
 
-    def doubts(self) -> Iterator[str]:
+    def doubts(self) -> Iterator[Finding | str]:
         """Yield reasons not to believe plant or friction."""
         assert isinstance(self.plant, IdentifiedPlant)
         if self.plant.fit.outcome is not Outcome.OK:
@@ -247,10 +248,12 @@ class LawReport:
         force, error = self.found.coulomb, self.found.coulomb_error
         if not error <= MAX_FORCE_ERROR * force:
             low, high = self.found.choice.interval
-            yield (
-                f"the Coulomb force, {force:.4g} N, may be any from {low:.4g} to {high:.4g} N, since friction that "
-                f"weakens in sliding may be a part of it; expected {MAX_FORCE_ERROR:.0%} or better: let the axis move "
-                "faster at low frequencies, by a softer controller"
+            yield Finding(
+                "not identifiable",
+                (Quantity(force, "N", "found"), Quantity(low, "N", "may be any from"), Quantity(high, "N", "to")),
+                place="Coulomb force",
+                text="friction that weakens in sliding may be a part of it",
+                remedy="let the axis move faster at low frequencies, by a softer controller",
             )
 
     def friction(self) -> Fit:

@@ -6,7 +6,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve, Fit, FrictionModel, Metric, RecordError, Result, Signals, param
+from fraexp.api import (
+    Curve,
+    Finding,
+    Fit,
+    FrictionModel,
+    Metric,
+    Quantity,
+    RecordError,
+    Result,
+    Signals,
+    param,
+    remarks,
+)
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.friction.none import Frictionless
@@ -116,7 +128,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=4):
         """Return P̂ with its band, plant and friction model, scatter and verdict."""
         signals.unit(self.input), signals.unit(self.output)
         if not signals.segments:
-            return Result(signals.outcome, signals.message)
+            return Result(signals.outcome, signals.findings)
         used = usable_signals(signals, self.output, self.name)
         lines, elements = self._elements(used)
         self._check(lines, elements)
@@ -198,14 +210,14 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=4):
     ) -> Result:
         quality = _Quality(lines, elements, self.scatter_tolerance)
         doubts = [*quality.remarks(), *([remark] if remark else []), *(_plant_doubts(plant) if plant else ())]
-        remarks = [found.message, *doubts, *_hints(elements, plant, _largest_swing(signals, self.output))]
+        hints = _hints(elements, plant, _largest_swing(signals, self.output))
         plants = plant.fit.metrics if plant else ()
         verdict = Metric("verdict", float(not doubts), "1")
         viscous = (plant.viscous, plant.viscous_std) if plant else (0.0, 0.0)
         spring = (plant.spring, _largest_swing(signals, self.output)) if plant else (0.0, 0.0)
         return replace(
             found,
-            message="; ".join(text for text in remarks if text),
+            findings=(*found.findings, *remarks(*doubts), *hints),
             response=plant.fit.response if plant else found.response,
             metrics=(verdict, *plants[:2], *_friction_metrics(elements, viscous), *quality.metrics(), *plants[2:]),
             curves=(
@@ -336,18 +348,12 @@ def _plant_doubts(plant: IdentifiedPlant) -> Iterator[str]:
         )
 
 
-def _hints(elements: AutonomousElements, plant: IdentifiedPlant | None, motion: float) -> Iterator[str]:
+def _hints(elements: AutonomousElements, plant: IdentifiedPlant | None, motion: float) -> Iterator[Finding]:
     """Yield what is not identifiable from the records."""
     uncertain = float(elements.forces[elements.thresholds > SLIDING_RATIO * motion].sum()) / max(
         elements.coulomb[0], 1e-300
     )
     if uncertain > MAX_UNCERTAIN_FORCE or (plant and plant.spring):
-        spring = (
-            f"; {plant.spring:.3g} N/m never slip, and count as an element that slips beyond this motion"
-            if plant and plant.spring
-            else ""
-        )
-        yield (
-            f"the motion of up to {motion:.2g} m hardly leaves presliding, so the Coulomb force is not identifiable"
-            f"{spring}; raise the amplitude"
-        )
+        spring = Quantity(plant.spring if plant else 0.0, "N/m", "stiffness that never slips")
+        found = (Quantity(motion, "m", "motion that hardly leaves presliding"), *([spring] if spring.value else []))
+        yield Finding("not identifiable", found, place="Coulomb force", remedy="raise the amplitude")

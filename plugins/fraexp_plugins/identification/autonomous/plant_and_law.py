@@ -6,7 +6,18 @@ from functools import partial
 
 import numpy as np
 
-from fraexp.api import FrequencyResponse, FrictionModel, Metric, Outcome, RecordError, Result, Signals, param
+from fraexp.api import (
+    Finding,
+    FrequencyResponse,
+    FrictionModel,
+    Metric,
+    Outcome,
+    RecordError,
+    Result,
+    Signals,
+    param,
+    remarks,
+)
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.friction.none import Frictionless
@@ -106,7 +117,7 @@ class PlantAndLaw(DelayedEstimator, name="plant_and_law", version=11):
         """Return P̂ with its band, plant and friction, dead time, validation error and verdict."""
         signals.unit(self.input), signals.unit(self.output)
         if not signals.segments:
-            return Result(signals.outcome, signals.message)
+            return Result(signals.outcome, signals.findings)
         signals = remove_drift(signals, self.output)
         count = len(signals.segments) - self.validation
         fresh = replace(signals, segments=signals.segments[count:])
@@ -263,14 +274,14 @@ class PlantAndLaw(DelayedEstimator, name="plant_and_law", version=11):
         signals: Signals,
         found: FittedLaw,
         plant: IdentifiedPlant | Result,
-        remarks: tuple[str, str],
+        causes: tuple[str, str],
         error: float | None,
     ) -> Result:
         """Return all that was found, with the verdict."""
         fitted = plant.fit if isinstance(plant, IdentifiedPlant) else plant
         report = LawReport(found, plant, self.input_dead_time)
-        remark, of_law = remarks
-        doubts = [remark] if remark else [*report.doubts()]
+        remark, of_law = causes
+        doubts: list[Finding | str] = [remark] if remark else [*report.doubts()]
         doubts += [of_law] if of_law else []
         if self.validation and not remark and (error is None or error > self.validation_tolerance):
             share = "no fresh record" if error is None else f"{error:.1%} of the control input of fresh records"
@@ -286,7 +297,7 @@ class PlantAndLaw(DelayedEstimator, name="plant_and_law", version=11):
         return replace(
             fitted,
             outcome=Outcome.INACCURATE if doubts and fitted.outcome is Outcome.OK else fitted.outcome,
-            message="; ".join(doubts) or report.summary(),
+            findings=remarks(*doubts) or (report.summary(),),
             metrics=(verdict, *fitted.metrics[:2], explained, *report.metrics(), *validation, *fitted.metrics[2:]),
             curves=(virgin_curve(x, *found.virgin_curve(x)), *fitted.curves),
             fits=(*fitted.fits, report.friction()),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve, Fit, Metric, Outcome, Result, Signals
+from fraexp.api import Curve, Finding, Fit, Metric, Outcome, Result, Signals
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE, virgin_curve
 from fraexp_plugins.identification.friction._friction_regression import RegressionRows
@@ -85,7 +85,7 @@ def report(
     rows: Sequence[RegressionRows],
     errors: Errors,
     cycles: tuple[int, int],
-    remarks: Sequence[str],
+    remarks: Sequence[Finding | str],
 ) -> Result:
     """Return the result: parameters, errors and energy as metrics, virgin curve and forces as curves, and the fit.
 
@@ -93,9 +93,9 @@ def report(
     """
     metrics = [*_parameters(found), *_quality(found, rows, errors), *_counts(cycles, found), *_deviations(found)]
     curves = (virgin_curve(*found.virgin_curve), force_curve(rows, errors))
-    message = "; ".join([*([signals.message] if signals.message else []), *remarks])
     outcome = outcome_of_fit(signals.outcome, found.coulomb[0], errors.worst)
-    return Result(outcome, message, metrics=tuple(metrics), curves=curves, fits=(rolling_fit(found),))
+    result = Result(outcome, signals.findings, metrics=tuple(metrics), curves=curves, fits=(rolling_fit(found),))
+    return result.with_findings(*remarks)
 
 
 def has_model_error(coulomb: float, error: float, noise: float) -> bool:

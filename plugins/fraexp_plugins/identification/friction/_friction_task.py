@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import RecordError
+from fraexp.api import Finding, Quantity, RecordError
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification._shared.stop_operator import turning_points
 from fraexp_plugins.identification.friction._friction_record import (
@@ -51,7 +51,7 @@ class IdentificationTask:
     """Numbers of the cycles that are held out."""
     cycles: NDArray[np.int64]
     """Numbers of the cycles that are fitted."""
-    remarks: tuple[str, ...]
+    remarks: tuple[Finding | str, ...]
     speed: float | None = None
     """The speed of all sliding [m/s] if there is only one."""
 
@@ -72,8 +72,9 @@ class IdentificationTask:
         rows = [each for each in rows if each.force.size]
         if sum(each.force.size for each in rows) < MIN_ROWS:
             raise RecordError(
-                f"the motion never spans twice the largest threshold, {max_threshold:.3g} m, for long enough; record "
-                "more cycles with gross sliding, or lower max_threshold"
+                "the motion never spans twice the largest threshold, ",
+                Quantity(max_threshold, "m"),
+                ", for long enough; record more cycles with gross sliding, or lower max_threshold",
             )
         return rows
 
@@ -171,7 +172,7 @@ def element_solution(
     return _elements(task, coefficients, covariance), rows, coefficients
 
 
-def curve_end(task: IdentificationTask, *, spring_remarks: bool = True) -> tuple[float, list[str]]:
+def curve_end(task: IdentificationTask, *, spring_remarks: bool = True) -> tuple[float, list[Finding]]:
     """Return the end of the virgin curve [m], which a wide motion hardly resolves, and remarks on a spring."""
     rows = task.rows(task.thresholds)
     coefficients = CompressedRows(rows, task.cycles).solve(np.ones(rows[0].columns.shape[1], dtype=bool))
@@ -238,7 +239,7 @@ def _choose_set(
 
 def _spring_remarks(
     rows: Sequence[RegressionRows], task: IdentificationTask, coefficients: NDArray[np.float64]
-) -> list[str]:
+) -> list[Finding]:
     """Return a remark if a spring to ground explains a part of the force; RecordError if it explains most of it."""
     elements = [np.column_stack([record.deflections(task.thresholds), record.displacement]) for record in task.records]
     with_spring = task.rows_with(elements)
@@ -250,10 +251,16 @@ def _spring_remarks(
     without = CompressedRows(rows, task.cycles).mean_square(coefficients)
     if spring <= REMARKED_SPRING * slipping or compressed.mean_square(found) > SPRING_ERROR_RATIO * without:
         return []
-    rise = f"over the stroke of {stroke:.3g} m the force still rises by {spring:.3g} N of {spring + slipping:.3g} N"
+    rise = (
+        Quantity(stroke, "m", "stroke"),
+        Quantity(spring, "N", "rise of the force over it"),
+        Quantity(spring + slipping, "N", "force at its end"),
+    )
     if spring > REFUSED_SPRING * slipping:
-        raise RecordError(f"the motion stays in presliding: {rise}; record a motion several times as wide")
-    return [f"{rise}: record a wider motion to separate a spring, a Stribeck effect and wider elements"]
+        parts = [part for of in rise for part in (", ", of)]
+        raise RecordError("the motion stays in presliding: ", *parts[1:], "; record a motion several times as wide")
+    remedy = "record a wider motion to separate a spring, a Stribeck effect and wider elements"
+    return [Finding("remark", rise, text="the force still rises at the end of the stroke", remedy=remedy)]
 
 
 def _check_found(stiffness: NDArray[np.float64]) -> None:

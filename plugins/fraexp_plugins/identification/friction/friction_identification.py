@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from fraexp.api import (
     Curve,
     Estimator,
+    Finding,
     Fit,
     FrictionModel,
     Metric,
     ParameterError,
     PositionDependentFriction,
+    Quantity,
     RecordError,
     Result,
     Signals,
@@ -187,8 +189,10 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
             raise ParameterError(f"{self.name}.thresholds: expected values above 0 in ascending order")
         if self.min_threshold and self.max_threshold and self.min_threshold >= self.max_threshold:
             raise ParameterError(
-                f"{self.name}.min_threshold is {self.min_threshold:g} m; expected less than max_threshold, "
-                f"{self.max_threshold:g} m"
+                f"{self.name}.min_threshold is ",
+                Quantity(self.min_threshold, "m"),
+                "; expected less than max_threshold, ",
+                Quantity(self.max_threshold, "m"),
             )
 
     def estimate(self, signals: Signals) -> Result:
@@ -332,8 +336,10 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         min_threshold = self.min_threshold or min(max(MIN_THRESHOLD_STEPS * resolution, widest / span), widest / 2)
         if min_threshold >= widest:
             raise RecordError(
-                f"the motion's stroke is {stroke:.3g} m; expected more than twice the smallest threshold, "
-                f"{min_threshold:.3g} m"
+                "the motion's stroke is ",
+                Quantity(stroke, "m"),
+                "; expected more than twice the smallest threshold, ",
+                Quantity(min_threshold, "m"),
             )
         return (
             np.geomspace(min_threshold, widest, self.threshold_count)
@@ -438,12 +444,11 @@ def _law_result(signals: Signals, found: ShapedForces) -> Result:
         name for name, value, std in zip(names, values, deviations, strict=True)
         if name not in SIGNED_TERMS and not std < MAX_RELATIVE_STD * abs(value)
     ]  # fmt: skip
-    remarks = [*filter(None, [signals.message]), *task.remarks]
+    found_remarks: list[Finding | str] = [*task.remarks]
     if loose:
-        remarks.append(
-            f"not identifiable from this record: {', '.join(loose)}; vary the speed from presliding to sliding"
-        )
-    remarks += model_error_remarks(coulomb, errors.worst, task.noise(mass))
+        remedy = "vary the speed from presliding to sliding"
+        found_remarks.append(Finding("not identifiable", place=", ".join(loose), remedy=remedy))
+    found_remarks += model_error_remarks(coulomb, errors.worst, task.noise(mass))
     inside = [place for place, name in enumerate(names) if name not in (*SIGNED_TERMS, "mass")]
     viscous = task.viscous if task.viscous is not None else float(values[names.index("viscous")])
     fit = Fit(
@@ -456,7 +461,8 @@ def _law_result(signals: Signals, found: ShapedForces) -> Result:
     )
     curves: tuple[Curve, ...] = (force_curve(found.rows, errors),)
     outcome = outcome_of_fit(signals.outcome, coulomb, errors.worst)
-    return Result(outcome, "; ".join(remarks), metrics=tuple(metrics), curves=curves, fits=(fit,))
+    result = Result(outcome, signals.findings, metrics=tuple(metrics), curves=curves, fits=(fit,))
+    return result.with_findings(*found_remarks)
 
 
 def _sliding_speeds(record: FrictionRecord, max_threshold: float) -> NDArray[np.float64]:
@@ -485,11 +491,9 @@ def _reversal_remarks(records: Sequence[FrictionRecord], min_threshold: float) -
     return [f"the motion has {count} reversals, too few to separate friction from other forces; record several cycles"]
 
 
-def _resolution_remarks(resolution: float, deflection: float) -> list[str]:
+def _resolution_remarks(resolution: float, deflection: float) -> list[Finding]:
     """Return a remark if the encoder is too coarse for a presliding deflection [m]."""
     if resolution * MIN_DEFLECTION_STEPS <= deflection:
         return []
-    return [
-        f"the encoder's quantisation step of {resolution:.3g} m is more than a tenth of the presliding deflection of "
-        f"{deflection:.3g} m: the stiffness is uncertain; use a finer encoder"
-    ]
+    steps = Quantity(resolution, "m", "encoder step"), Quantity(deflection, "m", "presliding deflection")
+    return [Finding("not identifiable", steps, place="stiffness", remedy="use a finer encoder")]

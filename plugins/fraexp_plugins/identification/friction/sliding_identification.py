@@ -6,7 +6,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve, Estimator, Metric, RecordError, Result, Signals, param
+from fraexp.api import Curve, Estimator, Finding, Metric, Quantity, RecordError, Result, Signals, param, remarks
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE, force_over_velocity
 from fraexp_plugins.identification.friction._friction_record import (
     HOLD_MEANING,
@@ -151,15 +151,18 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=5)
         solutions = self._solutions(task)
         if self._has_model_error(task, min(solutions.values(), key=lambda solution: solution.error)):
             task, solutions = self._beside_waves(task, solutions)
-        zero_order_hold, remarks = detect_zero_order_hold(
+        zero_order_hold, hold = detect_zero_order_hold(
             signals, self.zero_order_hold, lambda zero_order_hold: solutions[zero_order_hold].error
         )
         chosen, other = solutions[zero_order_hold], solutions[not zero_order_hold]
         values, covariance = chosen.values, chosen.inverse * chosen.variance + np.outer(chosen.doubt, chosen.doubt)
         if values[0] <= 0 or values[1] <= 0:
             raise RecordError(
-                f"the mass is {values[0]:.3g} kg and the Coulomb force {values[1]:.3g} N; expected both above 0: check "
-                "signs and gains of the channels, the dead times and max_frequency"
+                "the mass is ",
+                Quantity(values[0], "kg"),
+                " and the Coulomb force ",
+                Quantity(values[1], "N"),
+                "; expected both above 0: check signs and gains of the channels, the dead times and max_frequency",
             )
         if self._has_model_error(task, chosen):
             misfit = misfit_variance(chosen.force.size, values.size, chosen.error)
@@ -169,12 +172,10 @@ class SlidingIdentification(Estimator, name="sliding_identification", version=5)
             error_by_hold = fraction * (other.values - values)
             covariance = covariance + np.outer(error_by_hold, error_by_hold)
             if MIN_MIXED_FRACTION < fraction < 1 - MIN_MIXED_FRACTION:
-                remarks = [UNKNOWN_THRUST]
+                hold = [UNKNOWN_THRUST]
         return Result(
             signals.outcome,
-            "; ".join(
-                [*filter(None, (signals.message, start.remark)), *remarks, *_remarks(chosen, self._noise(task, chosen))]
-            ),
+            (*signals.findings, *remarks(start.remark, *hold, *_remarks(chosen, self._noise(task, chosen)))),
             metrics=_metrics(chosen, covariance),
             curves=(_curve(chosen),),
             fits=(coulomb_fit(values, covariance),),
@@ -313,14 +314,17 @@ def _check(velocity: NDArray[np.float64], min_sliding_speed: float) -> None:
     rows = min(int(np.sum(velocity > 0)), int(np.sum(velocity < 0)))
     if rows < MIN_ROWS:
         raise RecordError(
-            f"the machine slides faster than {min_sliding_speed:.3g} m/s for {rows} rows in one direction; expected "
-            f"{MIN_ROWS}: record longer moves back and forth, raise max_frequency or lower min_sliding_speed"
+            "the machine slides faster than ",
+            Quantity(min_sliding_speed, "m/s"),
+            f" for {rows} rows in one direction; expected {MIN_ROWS}: record longer moves back and forth, "
+            "raise max_frequency or lower min_sliding_speed",
         )
     slow, fast = np.percentile(np.abs(velocity), [10, 90])
     if fast < MIN_SPEED_SPREAD * slow:
         raise RecordError(
-            f"all sliding is at {slow:.3g} to {fast:.3g} m/s; expected several speeds, to separate viscous friction, "
-            "Coulomb friction and the mass"
+            f"all sliding is at {slow:.3g} to ",
+            Quantity(fast, "m/s"),
+            "; expected several speeds, to separate viscous friction, Coulomb friction and the mass",
         )
 
 
@@ -331,18 +335,19 @@ def _hold_fraction(chosen: _Solution, other: _Solution, middle: _Solution) -> fl
     return float(np.clip((3 * first - 4 * half + last) / (4 * curvature), 0, 1)) if curvature > 0 else 0.5
 
 
-def _remarks(solution: _Solution, noise: float) -> list[str]:
+def _remarks(solution: _Solution, noise: float) -> list[Finding | str]:
     error, coulomb = solution.error, solution.values[1]
     if solution.values[2] < 0:
         return [
             "friction falls with the velocity: a Stribeck effect or a wrong dead time; fit a law with a Stribeck effect"
         ]
-    found = []
+    found: list[Finding | str] = []
     if solution.stroke_force:
-        found.append(
-            f"a force along the stroke of {solution.stroke_force:.2g} N rms, such as cogging or the ripple of a screw, "
-            "is fitted too; the offset contains its mean"
+        text = (
+            "a force along the stroke, such as cogging or the ripple of a screw, is fitted too; the offset contains "
+            "its mean"
         )
+        found.append(Finding("remark", (Quantity(solution.stroke_force, "N", "rms"),), text=text))
     if has_model_error(coulomb, error, noise):
         found.append(
             f"the error is {error / coulomb:.0%} of the Coulomb force, of which noise explains {noise / coulomb:.1g}: "

@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve, Estimator, Metric, RecordError, Result, Segment, Signals, param
+from fraexp.api import Curve, Estimator, Metric, Quantity, RecordError, Result, Segment, Signals, param, remarks
 from fraexp_plugins.identification._shared.friction_curves import force_over_velocity
 from fraexp_plugins.identification._shared.stop_operator import turning_points
 from fraexp_plugins.identification.friction._friction_record import CYCLE_STROKE_RATIO, check_units
@@ -47,17 +47,17 @@ class ViscousIdentification(Estimator, name="viscous_identification", version=2)
         runs = np.array([run for segment in signals.segments for run in self._runs(segment)]).reshape(-1, 3)
         _check(runs)
         values, covariance = _regression(runs, quadratic=False)
-        remarks = [signals.message] if signals.message else []
-        if len(runs) > 5:
-            remarks += _curvature_remarks(runs)
+        curvature = _curvature_remarks(runs) if len(runs) > 5 else []
         if values[2] < 0 or values[1] <= 0:
             raise RecordError(
-                f"friction falls with the velocity ({values[2]:.3g} N s/m): a Stribeck effect, or a force of the "
-                "wrong sign; use higher velocities, or fit a law with a Stribeck effect (friction_identification)"
+                "friction falls with the velocity, by ",
+                Quantity(values[2], "N s/m"),
+                ": a Stribeck effect, or a force of the wrong sign; use higher velocities, or fit a law with a "
+                "Stribeck effect (friction_identification)",
             )
         return Result(
             signals.outcome,
-            "; ".join(remarks),
+            (*signals.findings, *remarks(*curvature)),
             metrics=_metrics(values, covariance, len(runs)),
             curves=(_curve(runs, values),),
             fits=(coulomb_fit(values, covariance),),
@@ -85,17 +85,17 @@ class ViscousIdentification(Estimator, name="viscous_identification", version=2)
 def _check(runs: NDArray[np.float64]) -> None:
     """Raise RecordError unless viscous friction is identifiable from runs, shape (n, 3)."""
     speeds = np.abs(runs[:, 0])
-    finding = ""
+    finding: tuple[object, ...] = ()
     if len(runs) < MIN_RUNS:
-        finding = (
-            f"there are {len(runs)} runs at constant velocity; expected {MIN_RUNS} or more, in both directions and "
-        )
+        expected = f"expected {MIN_RUNS} or more, in both directions and "
+        finding = (f"there are {len(runs)} runs at constant velocity; {expected}",)
     elif np.ptp(np.sign(runs[:, 0])) == 0:
-        finding = f"all {len(runs)} runs at constant velocity are in one direction; expected both, "
+        finding = (f"all {len(runs)} runs at constant velocity are in one direction; expected both, ",)
     elif speeds.max() < MIN_SPEED_RATIO * speeds.min():
-        finding = f"all {len(runs)} runs are at one velocity, {np.median(speeds):.3g} m/s; expected runs "
+        speed = Quantity(float(np.median(speeds)), "m/s")
+        finding = (f"all {len(runs)} runs are at one velocity, ", speed, "; expected runs ")
     if finding:
-        raise RecordError(f"{finding}at different velocities: see excitation constant_velocities")
+        raise RecordError(*finding, "at different velocities: see excitation constant_velocities")
 
 
 def _regression(runs: NDArray[np.float64], *, quadratic: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from fraexp.api import (
     Curve,
     Estimator,
+    Finding,
     Fit,
     FrequencyResponse,
     Metric,
@@ -19,6 +20,7 @@ from fraexp.api import (
     Result,
     Signals,
     param,
+    remarks,
 )
 from fraexp_plugins.identification.plant._modal_model import (
     LogResponse,
@@ -219,15 +221,14 @@ class ModalFit(Estimator, name="modal_fit", version=5):
         except RecordError as error:
             if found.outcome is Outcome.OK:
                 raise
-            return replace(found, message=f"{found.message}; {error}")  # the signals are the cause
+            return found.with_findings(str(error))  # the signals are the cause
         if found.outcome is Outcome.INACCURATE and self._is_exact_within_range(signals):
-            found = replace(
-                found, outcome=Outcome.OK, message=f"outside the frequency range of the fit: {found.message}"
-            )
+            outside = [replace(each, place=f"outside the fit's range {each.place}".rstrip()) for each in found.findings]
+            found = replace(found, outcome=Outcome.OK, findings=tuple(outside))
         return replace(
             found,
             outcome=fit.outcome if found.outcome is Outcome.OK else found.outcome,
-            message="; ".join(text for text in (found.message, fit.message) if text),
+            findings=(*found.findings, *fit.findings),
             metrics=(*found.metrics, *fit.metrics),
             curves=(*fit.curves, *found.curves),
             fits=(*found.fits, *fit.fits),
@@ -247,17 +248,17 @@ class ModalFit(Estimator, name="modal_fit", version=5):
 
     def fit_response(self, response: FrequencyResponse) -> Result:
         """Return a response with the plant that is fitted to it; RecordError if there is none."""
-        solution, remark = self._checked_fit(response)
+        solution, found = self._checked_fit(response)
         return Result(
             Outcome.INACCURATE if solution.unexplained > MAX_UNEXPLAINED else Outcome.OK,
-            remark,
+            found,
             response,
             tuple(self._metrics(solution, response.unit)),
             (_model_curve(solution, response.unit), _error_curve(solution), *extremum_curves(solution, response.unit)),
             (self._fit(solution, response.unit),),
         )
 
-    def _checked_fit(self, response: FrequencyResponse) -> tuple[Solution, str]:
+    def _checked_fit(self, response: FrequencyResponse) -> tuple[Solution, tuple[Finding, ...]]:
         """Return the fit to a response, and remarks on it."""
         band = (self.min_frequency, np.inf if self.max_frequency is None else self.max_frequency)
         data = log_response(response, band, self.weighting, self.model_error, 1 if self.quantity == "magnitude" else 2)
@@ -270,13 +271,11 @@ class ModalFit(Estimator, name="modal_fit", version=5):
         limits = float(data.frequency[0]), float(data.frequency[-1])
         model = ModalModel(self.modes or 0, *limits, self.fit_viscous, dead_time)
         solution, unsupported = self._fit_modes(model, data)
-        remarks = []
+        negative = ""
         if self.fit_viscous and solution.model.rate(solution.p) < 0:
             solution, unsupported = self._fit_modes(replace(model, fit_viscous=False), data)
-            remarks.append("the viscous coefficient would be negative and is fixed at 0")
-        if unsupported:
-            remarks.append(unsupported)
-        return solution, "; ".join([*remarks, *_remarks(solution)])
+            negative = "the viscous coefficient would be negative and is fixed at 0"
+        return solution, remarks(negative, unsupported, *_remarks(solution))
 
     def _fit_modes(self, model: ModalModel, data: LogResponse) -> tuple[Solution, str]:
         """Return the fit, and a remark on modes that the data do not support."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve, Fit, FrictionModel, Metric, Outcome, Result, Signals, frequency_text
+from fraexp.api import Curve, Finding, Fit, FrictionModel, Metric, Result, Signals, frequency_text
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
 from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_unit, parameter_value
 from fraexp_plugins.estimators._shared.realisations import Part, combine_parts, realisation_groups
@@ -52,14 +52,9 @@ class FitReport:
 
     def result(self) -> Result:
         """Return P̂ with its band, the parameters with theirs, the residuals, and the verdict."""
-        result = self._response()
-        wrong = self._complaint()
-        outcome = Outcome.INACCURATE if wrong and result.outcome is Outcome.OK else result.outcome
-        message = "; ".join(filter(None, (result.message, wrong, *self._remarks())))
+        result = self._response().with_findings(self._complaint(), is_doubt=True).with_findings(*self._remarks())
         return replace(
             result,
-            outcome=outcome,
-            message=message,
             metrics=tuple(self._metrics()),
             curves=(*self._plant_curves(), self._curve()),
             fits=tuple(self._fits()),
@@ -95,15 +90,17 @@ class FitReport:
         count, error = self.found.state.shared.size, self.found.shared_error
         return np.asarray(self.found.covariances[0][:count, :count] + np.outer(error, error))
 
-    def _complaint(self) -> str:
-        """Return what is wrong with the model; empty if it repeats the records."""
+    def _complaint(self) -> Finding | None:
+        """Return what is wrong with the model; None if it repeats the records."""
         allowed = MAX_MEAN_RATIO + MAX_RATIO_STDS * RATIO_STD / np.sqrt(self.found.fit.freedom.sum())
         if self.found.mean_ratio <= allowed and self._is_wrong.mean() <= MAX_WRONG_SHARE:
             return self._colour()
         tried = f"none of {self.starts} starts led closer" if self.starts > 1 else "one start was tried"
-        return (
-            f"the model does not fit: what it leaves of {self._wrong_text()}, and {tried}; try another friction law, "
-            "more frequencies or a nominal_plant, and state the dead times and the encoder's resolution"
+        return Finding(
+            "misfit",
+            text=f"the model does not fit: what it leaves of {self._wrong_text()}, and {tried}",
+            remedy="try another friction law, more frequencies or a nominal_plant, and state the dead times and the "
+            "encoder's resolution",
         )
 
     @property
@@ -118,14 +115,16 @@ class FitReport:
         residuals = [each.residual for each in self.found.linear.records if each.residual.size >= MIN_WHITE_SAMPLES]
         return np.array([whiteness(each, 1) < MIN_WHITENESS for each in residuals], dtype=bool)
 
-    def _colour(self) -> str:
-        """Return what is wrong where residuals are no larger than expected, but not white; empty if they are."""
+    def _colour(self) -> Finding | None:
+        """Return what is wrong where residuals are no larger than expected, but not white; None if they are."""
         coloured = self._is_coloured
         if not coloured.size or coloured.mean() <= MAX_WRONG_SHARE:
-            return ""
-        return (
-            f"the model does not fit: what it leaves of {coloured.sum()} of {coloured.size} records is no white noise; "
-            "try another friction law, or state the noise if the encoder's is not white"
+            return None
+        return Finding(
+            "misfit",
+            place=f"{coloured.sum()} of {coloured.size} records",
+            text="the model does not fit: what it leaves is no white noise",
+            remedy="try another friction law, or state the noise if the encoder's is not white",
         )
 
     def _wrong_text(self) -> str:
@@ -140,12 +139,12 @@ class FitReport:
             "rounding explain"
         )
 
-    def _remarks(self) -> Iterator[str]:
+    def _remarks(self) -> Iterator[Finding | str]:
         if self._is_wrong.any() and not self._complaint():
             yield f"what the model leaves of {self._wrong_text()}: their band is as much wider"
         if self.held:
-            names = " and ".join(self.held)
-            yield f"the records do not tell {names}, held at the start: raise the amplitude, or leave it out of free"
+            remedy = "raise the amplitude, or leave it out of free; it is held at its start"
+            yield Finding("not identifiable", place=" and ".join(self.held), remedy=remedy)
 
     def _metrics(self) -> Iterator[Metric]:
         """Yield friction's parameters with their intervals, and how well they repeat the records.

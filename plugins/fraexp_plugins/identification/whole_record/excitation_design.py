@@ -19,11 +19,12 @@ from fraexp.api import (
     Outcome,
     ParameterError,
     Plant,
+    Quantity,
     RecordError,
     Result,
     Signals,
-    frequency_text,
     param,
+    remarks,
     simulate_loop,
 )
 from fraexp_plugins.excitations.sine_list import SineList
@@ -96,12 +97,11 @@ class ExcitationDesign(Estimator, name="excitation_design", version=4):
         """Return what `method` finds, the excitation, and the bands that are predicted with it."""
         assert isinstance(self.method, MaximumLikelihood)
         if not signals.segments:
-            return Result(signals.outcome, signals.message)
+            return Result(signals.outcome, signals.findings)
         report = self.method.fit(signals)
         found = report.result()
         if found.outcome is not Outcome.OK:
-            text = "no excitation is designed, as the preliminary machine is not known"
-            return replace(found, message="; ".join(filter(None, (found.message, text))))
+            return found.with_findings("no excitation is designed, as the preliminary machine is not known")
         search = self._search(self._preliminary(report))
         uniform, best = search.uniform(), search.best()
         if uniform is None or best is None:
@@ -138,8 +138,9 @@ class ExcitationDesign(Estimator, name="excitation_design", version=4):
         for frequency, of in zip(frequencies, allowed, strict=True):
             if not of and frequency in known.frequencies:
                 raise RecordError(
-                    f"excitation_design: at {frequency_text(np.array([frequency]))} the machine moves farther than "
-                    f"max_stroke, {self.max_stroke:g} m, with every amplitude: add smaller amplitudes"
+                    f"excitation_design: at {frequency:.4g} Hz the machine moves farther than max_stroke, ",
+                    Quantity(self.max_stroke or 0.0, "m"),
+                    ", with every amplitude: add smaller amplitudes",
                 )
         is_wanted = [frequency in known.frequencies for frequency in frequencies]
         kept = [pair for pair in zip(allowed, is_wanted, strict=True) if pair[0]]
@@ -190,7 +191,7 @@ class ExcitationDesign(Estimator, name="excitation_design", version=4):
         fit = Fit("excitation", excitation.spec(), (), (), np.empty(0), np.empty((0, 0)))
         return replace(
             found,
-            message="; ".join(filter(None, (text, found.message))),
+            findings=(*remarks(text), *found.findings),
             metrics=(*metrics, *found.metrics),
             curves=(_plan_curve(UNIFORM, uniform), _plan_curve(DESIGNED, designed), *found.curves),
             fits=(*found.fits, fit),

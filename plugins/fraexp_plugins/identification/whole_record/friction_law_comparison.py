@@ -6,7 +6,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve, FrictionModel, Metric, Outcome, Plant, RecordError, Result, Segment, Signals, param
+from fraexp.api import (
+    Curve,
+    Finding,
+    FrictionModel,
+    Metric,
+    Outcome,
+    Plant,
+    RecordError,
+    Result,
+    Segment,
+    Signals,
+    param,
+)
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.none import Frictionless
@@ -95,7 +107,7 @@ class FrictionLawComparison(DelayedEstimator, name="friction_law_comparison", ve
         """Return P̂ with the law that predicts best, what all laws leave, and the verdict."""
         signals.unit(self.input), signals.unit(self.output)
         if not signals.segments:
-            return Result(signals.outcome, signals.message)
+            return Result(signals.outcome, signals.findings)
         check_one_contact(signals, self.name)
         used = usable_signals(signals, self.output, self.name)
         if len(used.segments) < MIN_SEGMENTS:
@@ -238,7 +250,7 @@ def _report(result: Result, trials: Sequence[_LawTrial], best: _LawTrial) -> Res
     fits, labels = best.ratio <= MAX_HELD_OUT_RATIO, _labels(trials)
     pairs = list(zip(labels, trials, strict=True))
     left = ", ".join(f"{label} {trial.ratio:.3g}" for label, trial in pairs if trial.found)
-    verdict = f"{labels[trials.index(best)]} predicts the records best" if fits else f"none of {len(trials)} laws fits"
+    verdict = "predicts the records best" if fits else f"none of {len(trials)} laws fits"
     text = f"{verdict}; residual of held-out records over what noise and rounding explain: {left}"
     behind = ", ".join(
         f"{label} ({trial.motion_residual / best.motion_residual:.3g} times)"
@@ -250,12 +262,12 @@ def _report(result: Result, trials: Sequence[_LawTrial], best: _LawTrial) -> Res
     untried = ", ".join(label for label, trial in pairs if not trial.along)
     if untried:
         text += f"; not tried, as a law explains the records: {untried}"
-    outcome = Outcome.INACCURATE if result.outcome is Outcome.OK and not fits else result.outcome
+    chosen = Finding("remark", place=labels[trials.index(best)], text=text) if fits else Finding("misfit", text=text)
+    result = replace(result, findings=()).with_findings(chosen, *result.findings, is_doubt=not fits)
     curves = [_held_out_curve(label, trial) for label, trial in pairs if trial.found]
-    is_right = float(fits and outcome is Outcome.OK)
+    is_right = float(fits and result.outcome is Outcome.OK)
     metrics = (Metric("verdict", is_right, "1"), *_coulomb_force(result), *_table(pairs), *result.metrics)
-    message = "; ".join(filter(None, (text, result.message)))
-    return replace(result, outcome=outcome, message=message, metrics=metrics, curves=(*curves, *result.curves))
+    return replace(result, metrics=metrics, curves=(*curves, *result.curves))
 
 
 def _held_out_curve(label: str, trial: _LawTrial) -> Curve:

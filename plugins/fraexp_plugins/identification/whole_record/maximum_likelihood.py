@@ -127,7 +127,7 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=8):
     def estimate(self, signals: Signals) -> Result:
         """Return P̂ with its band, the friction parameters, and how well the model repeats the records."""
         signals.unit(self.input), signals.unit(self.output)
-        return self.fit(signals).result() if signals.segments else Result(signals.outcome, signals.message)
+        return self.fit(signals).result() if signals.segments else Result(signals.outcome, signals.findings)
 
     @property
     def law(self) -> FrictionModel:
