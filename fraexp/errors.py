@@ -1,7 +1,9 @@
 """What fraexp raises: one sentence naming place, finding, expectation and the nearest name or remedy."""
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Self
 
 MIN_SIMILARITY = 0.6
 """Share of equal letters from which a name is taken for another one's misspelling."""
@@ -15,9 +17,27 @@ class FraexpError(Exception):
     Parts of it may be quantities, whose units are others for a rotary axis.
     """
 
+    path = ""
+    """Path of the parameter that does not fit, such as ``excitation.points``, or its section; empty for none."""
+
+    def at(self, place: str, path: str = "") -> Self:
+        """Return the error with its place before the text, and a path in which its own one lies."""
+        self.args = (place, *self.args)
+        self.path = ".".join(filter(None, (path, self.path)))
+        return self
+
     def __str__(self) -> str:
         """Return the text in one line, whatever a plugin's own error that it quotes looks like."""
         return " ".join("".join(map(str, self.args)).split("\n"))
+
+
+@contextmanager
+def errors_within(path: str) -> Iterator[None]:
+    """Put a section before the path of an error that is raised inside."""
+    try:
+        yield
+    except FraexpError as error:
+        raise error.at("", path) from None
 
 
 class StudyError(FraexpError):

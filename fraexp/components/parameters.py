@@ -90,7 +90,7 @@ class _Constructor(ModelMetaclass, type):
         try:
             return super().__call__(**named)
         except ValidationError as error:
-            raise ParameterError(_validation_sentence(owner, cls.__name__, named, error)) from None
+            raise _validation_error(owner, cls.__name__, named, error) from None
 
 
 class Parameters(BaseModel, metaclass=_Constructor):
@@ -106,12 +106,12 @@ class Parameters(BaseModel, metaclass=_Constructor):
         read = dict(data)
         for key, field in cls.model_fields.items():
             if isinstance(read.get(key), bool) and field.annotation in (float, int):
-                raise ParameterError(f"{key} is {toml.as_text(read[key])}; expected a number")
+                raise ParameterError(f"{key} is {toml.as_text(read[key])}; expected a number").at("", key)
             if unit_of(field) and read.get(key) is not None:
                 try:
                     read[key] = _with_units(read[key], unit_of(field, rotary=info.context == ROTARY))
                 except ParameterError as error:
-                    raise ParameterError(f"{key}: {error}{_axis_hint(read[key], field, info)}") from None
+                    raise ParameterError(f"{key}: {error}{_axis_hint(read[key], field, info)}").at("", key) from None
         return read
 
     @classmethod
@@ -125,12 +125,11 @@ class Parameters(BaseModel, metaclass=_Constructor):
         try:
             return cls.model_validate(data, context=ROTARY if rotary else None)
         except ValidationError as error:
-            raise ParameterError(_validation_sentence(cls, title, data, error, rotary=rotary)) from None
+            raise _validation_error(cls, title, data, error, rotary=rotary) from None
         except ParameterError as error:
-            found = ParameterError(_title_for(title, str(error)), *error.args)
             if rotary:
-                to_rotary_units(found)
-            raise found from None
+                to_rotary_units(error)
+            raise error.at(_title_for(title, str(error))) from None
 
     def plain(self) -> dict[str, Any]:
         """Return plain data from which `parse` builds an equal object."""
@@ -186,13 +185,18 @@ BOUNDS = {
 }
 
 
-def _validation_sentence(
+def _validation_error(
     cls: type[Parameters], title: str, data: Mapping[str, Any], error: ValidationError, *, rotary: bool = False
-) -> str:
+) -> ParameterError:
     all_found = error.errors(include_url=False)
     found: Any = next(
         (one for one in all_found if one["type"] == "extra_forbidden"), all_found[0]
     )  # a slip of the pen first
+    sentence = _validation_sentence(cls, title, data, found, rotary)
+    return ParameterError(sentence).at("", ".".join(map(str, found["loc"])))
+
+
+def _validation_sentence(cls: type[Parameters], title: str, data: Mapping[str, Any], found: Any, rotary: bool) -> str:
     cls, title, data, loc = _innermost_table(cls, title, data, found["loc"])
     place = ".".join(str(part) for part in loc)
     name = str(loc[0]) if loc else ""

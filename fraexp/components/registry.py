@@ -241,16 +241,19 @@ class Registry:
                 for part in value if isinstance(value, list) else [value]:
                     yield from self.used_providers(nested.kind, part) if isinstance(part, Mapping) else ()
 
-    def create(self, kind: str, spec: Any, environment: Mapping[str, Any] | None = None, place: str = "") -> Component:
+    def create(
+        self, kind: str, spec: Any, environment: Mapping[str, Any] | None = None, place: str = "", path: str = ""
+    ) -> Component:
         """Build a component from plain data with its name, optional version and parameters.
 
         Parameters that are not given and declare a place to inherit from are taken from `environment`, the
-        plain experiment. `place` is put in front of the sentence if something does not fit.
+        plain experiment. If something does not fit, `place` is put in front of the sentence, and `path`, or the kind,
+        in front of the parameter's path.
         """
         try:
             return self._create(kind, spec, environment or {})
         except FraexpError as error:
-            raise type(error)(f"{place}: {error}" if place else str(error)) from None
+            raise (error.at(f"{place}: ", path or kind) if place else error) from None
 
     def _create(self, kind: str, spec: Any, environment: Mapping[str, Any]) -> Component:
         if not isinstance(spec, Mapping) or not isinstance(spec.get("name"), str):

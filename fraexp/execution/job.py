@@ -50,6 +50,8 @@ class Failure:
 
     message: str
     log: str
+    lacks_memory: bool = False
+    """Whether memory was too little."""
 
 
 def run_job(
@@ -191,4 +193,4 @@ def describe_failure(error: BaseException) -> Failure:
         return Failure(text, log)
     frames = traceback.extract_tb(error.__traceback__)
     place = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
-    return Failure(f"{type(error).__name__}: {text}{place}", log)
+    return Failure(f"{type(error).__name__}: {text}{place}", log, isinstance(error, MemoryError))

@@ -89,4 +89,4 @@ def _settings(section: Any, experiment: Plain, registry: Registry, place: str) -
         filled = registry.fill_inherited(MeasurementSettings, section, experiment)
         return MeasurementSettings.parse(filled, "measurement", rotary=is_rotary(experiment))
     except FraexpError as error:
-        raise type(error)(f"{place}, [measurement]: {error}") from None
+        raise error.at(f"{place}, [measurement]: ", "measurement") from None

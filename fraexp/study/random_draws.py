@@ -114,7 +114,7 @@ class Draws:
                 try:
                     found[path] = _sample_around(sections, path, entry, variates, registry)
                 except FraexpError as error:
-                    raise type(error)(f"[monte_carlo]: {error}") from None
+                    raise error.at("[monte_carlo]: ", "monte_carlo") from None
         return found
 
 
@@ -172,7 +172,7 @@ def sample_sweeps(place: str, nominal: Sweep, draws: Draws, registry: Registry) 
     try:
         values = draws.values(sections, registry)
     except FraexpError as error:
-        raise type(error)(f"{place}, {error}") from None
+        raise error.at(f"{place}, ") from None
     for index in range(draws.count):
         numbers = {path: column[index] for path, column in values.items()}
         changed: dict[str, Any] = sections

@@ -73,9 +73,10 @@ def _blame_grid(
         parts = [
             f"{path} = {toml.as_text(value)}"
             for path, value in values.items()
-            if path.rpartition(".")[2] in str(error) and f"[{path.partition('.')[0]}]" in str(error)
+            if error.path and (f"{path}.".startswith(f"{error.path}.") or error.path.startswith(f"{path}."))
         ]
-        raise type(error)(f"{error}; [grid] sets {', '.join(parts)}" if parts else str(error)) from None
+        error.args += (f"; [grid] sets {', '.join(parts)}",) if parts else ()
+        raise
 
 
 class Resolver:
@@ -203,7 +204,10 @@ class Resolver:
             return Section(self._registry.create(name, given, around, where).spec())
         parts = components_by_port(section) if name in KINDS_BY_PORT else {}
         if parts:
-            made = {of: self._registry.create(name, part, around, f"{where[:-1]}.{of}]") for of, part in parts.items()}
+            made = {
+                of: self._registry.create(name, part, around, f"{where[:-1]}.{of}]", f"{name}.{of}")
+                for of, part in parts.items()
+            }
             return Section({of: part.spec() for of, part in made.items()})
         return Section(self._registry.create(name, section, around, where).spec())
 
@@ -216,14 +220,16 @@ class Resolver:
         for key in section.keys() - known:
             other = next((of for of, settings in SETTINGS.items() if key in settings.model_fields), None)
             if other and not any(key in name for name in owner.model_fields):  # such as 'settling_tolerance'
-                raise StudyError(f"{where}: {section['name']} has no parameter '{key}'; it belongs into [{other}]")
+                raise StudyError(f"{section['name']} has no parameter '{key}'; it belongs into [{other}]").at(
+                    f"{where}: ", f"{name}.{key}"
+                )
 
     def _make_record(self, section: Any, where: str) -> tuple[Plain, Mapping[str, str]]:
         try:
             settings = records.RecordSettings.parse(section, "record")
             experiment, files = records.resolve(settings, self._file.parent, self._registry)
         except FraexpError as error:
-            raise type(error)(f"{where}: {error}") from None
+            raise error.at(f"{where}: ", "record") from None
         return Section(experiment["record"]), files
 
     def _experiment(self, resolved: Plain, place: str) -> dict[str, Any]:
@@ -261,7 +267,7 @@ class Resolver:
                 if loop is not None:
                     excitation.check(loop["sample_time"])
             except FraexpError as error:
-                raise type(error)(f"{place}, [excitation]: {error}") from None
+                raise error.at(f"{place}, [excitation]: ", EXCITATION) from None
             self._known[key] = drives
         return bool(self._known[key])
 
@@ -287,7 +293,7 @@ class Resolver:
             machine.ports.check()
             machine.frictions, machine.controllers  # noqa: B018  # they raise errors where they do not fit the ports
         except FraexpError as error:
-            raise type(error)(f"{place}: {error}") from None
+            raise error.at(f"{place}: ") from None
         self._known[key] = True
 
     def _check_limits(self, sections: Plain, limits: Section, place: str) -> None:
@@ -300,7 +306,7 @@ class Resolver:
             excitation = create(self._registry, Excitation, sections[EXCITATION])
             motion_limits.check_limits(MotionLimits.parse(limits, "limits"), machine, excitation)
         except FraexpError as error:
-            raise type(error)(f"{place}, [excitation]: {error}") from None
+            raise error.at(f"{place}, [excitation]: ", EXCITATION) from None
         self._known[key] = True
 
 
@@ -335,4 +341,4 @@ def _settings(registry: Registry, key: str, value: Plain, sections: Plain, place
         filled = registry.fill_inherited(SETTINGS[key], value, sections)
         return SETTINGS[key].parse(filled, key, rotary=is_rotary(sections)).plain()
     except FraexpError as error:
-        raise type(error)(f"{place}: {error}") from None
+        raise error.at(f"{place}: ", key) from None

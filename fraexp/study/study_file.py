@@ -187,7 +187,7 @@ def describe_study(name: str, file: Path, data: Mapping[str, Any] | None = None)
     try:
         numbers = PublishedNumber.parse_all(data.get("published", []))
     except FraexpError as error:
-        raise type(error)(f"{file}, {error}") from None
+        raise error.at(f"{file}, ") from None
     return ResolvedStudy(
         name, file, data.get("title", name), data.get("question", ""), (), data.get("figure", ""), numbers
     )
@@ -323,7 +323,7 @@ def _draws(written: _Written, grid: Mapping[str, Any], file: Path) -> Draws | No
                 f"[monte_carlo]: '{clash}' is in [grid] too; keep one of both, or use cases for the grid's"
             )
     except FraexpError as error:
-        raise type(error)(f"{file}, {error}") from None
+        raise error.at(f"{file}, ") from None
     return draws
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from fraexp.components.kinds import Component, FrictionModel
 from fraexp.components.registry import reason_of
 from fraexp.errors import FraexpError, PluginError, did_you_mean
+from fraexp.kernels.law_error import LawError
 from fraexp.kernels.watchdog import LAW_TIME_LIMIT_S, OverdueError, error_location, time_limit
 from fraexp.testing.check_catalogue import checks_for, quick_checks_for
 from fraexp.testing.conformance_check import Check, NotApplicableError, ViolationError
@@ -80,7 +81,7 @@ def compile_error_reason(error: Exception, example: object) -> str:
         return text
     code = owner.law.__code__
     place = f"{Path(code.co_filename).name}, line {code.co_firstlineno}"
-    named = text if "cannot be compiled" in text else f"it cannot be compiled: {text}"
+    named = text if isinstance(error, LawError) else f"it cannot be compiled: {text}"
     return f"the law of {owner.name} ({place}): {named}"
 
 
@@ -231,7 +232,7 @@ class _ExampleSearch:
             )
         except Exception as error:  # a stranger's component may raise anything
             reason = _one_line(str(error) if isinstance(error, FraexpError) else reason_of(error, self._file))
-            if "cannot be compiled" in reason or type(error).__module__.startswith("numba"):
+            if isinstance(error, LawError) or type(error).__module__.startswith("numba"):
                 return CheckOutcome(
                     self.check,
                     Verdict.FAILED,

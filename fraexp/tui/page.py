@@ -116,6 +116,8 @@ class Page(Screen[None]):
     ]
     live: bool = False
     """Whether the content changes with time, as a running run does."""
+    fault: FraexpError | None = None
+    """The error that was shown last."""
     _reading = _once_more = _ready = False
     _began: float | None = None  # when loading began
     command: reactive[str] = reactive("fraexp tui", repaint=False)
@@ -186,6 +188,7 @@ class Page(Screen[None]):
         try:
             return await self.wait_for(asked)
         except FraexpError as error:
+            self.fault = error
             (on_error or self.show_error)(str(error))
             return None
 

@@ -165,7 +165,7 @@ class AutonomousService:
             filled = registry.fill_inherited(MeasurementSettings, sections["measurement"], sections)
             return MeasurementSettings.parse(filled, "measurement", rotary=rotary)
         except FraexpError as error:
-            raise type(error)(f"{self._file}, [measurement]: {error}") from None
+            raise error.at(f"{self._file}, [measurement]: ", "measurement") from None
 
     def _begin(
         self, fresh: bool

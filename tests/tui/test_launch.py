@@ -11,6 +11,7 @@ import pytest
 from textual import events
 from textual.widgets import Input
 
+from fraexp.errors import FraexpError
 from fraexp.store import Store
 from fraexp.tui.screens.launch_page import LaunchPage
 from fraexp.tui.screens.run_page import RunPage
@@ -122,18 +123,22 @@ def test_every_study_that_comes_along_has_a_form_whose_own_texts_are_right(check
 
 
 @pytest.mark.parametrize(
-    ("error", "path"),
+    ("changed", "path"),
     [
-        ("quick.toml, [excitation]: stepped_sine.points is 0; expected more", "excitation.points"),
-        ("--set friction.curve.coulomb_force=x: not so", "friction.curve.coulomb_force"),
-        ("something else", None),
+        ("excitation.points=0", "excitation.points"),
+        ("friction.curve.coulomb_force=x", "friction.curve.coulomb_force"),
+        ("friction.viscous_coefficient=1 mm", "friction.viscous_coefficient"),
+        ("numerics.tolerance=-1", "numerics.tolerance"),
     ],
 )
-def test_an_error_finds_the_line_that_it_is_about(checkout, error, path):
+def test_an_error_finds_the_line_that_it_is_about(checkout, changed, path):
     workspace = WorkspaceService.open(checkout)
     groups = build_form(*workspace.outline("quick"), None, workspace.registry)
-    found = find_concerned(error, [field for group in groups for field in group.fields])
-    assert (found.path if found else None) == path
+    with pytest.raises(FraexpError) as raised:
+        workspace.plan("quick", [changed])
+    found = find_concerned(raised.value.path, [field for group in groups for field in group.fields])
+    assert found is not None
+    assert found.path == path
 
 
 LAUNCHED = """

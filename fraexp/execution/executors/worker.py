@@ -80,7 +80,7 @@ def _with_memory_limit(answer: Answer, memory: int | None) -> Answer:
         return answer
     cap = f"; a worker may have {size_text(memory)}, see --memory-limit"
     return [
-        replace(one, message=one.message + cap) if isinstance(one, Failure) and "MemoryError" in one.message else one
+        replace(one, message=one.message + cap) if isinstance(one, Failure) and one.lacks_memory else one
         for one in answer
     ]
 

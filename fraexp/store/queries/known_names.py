@@ -149,10 +149,10 @@ class KnownNames:
         metrics = {f"{METRIC_PREFIX}{name}" for name in self.metrics}
         return [*SWEEP_FIELDS, *sorted((self.parameters | self.labels | metrics) - set(SWEEP_FIELDS))]
 
-    def unknown_name_error(self, name: str) -> FilterError:
-        """Return the error for an unknown name."""
+    def unknown_name_error(self, name: str, place: str = "filter") -> FilterError:
+        """Return the error for an unknown name in a filter, or in an order."""
         known = self.all()
         near = [other for other in known if other.endswith(f".{name}")]
         near = near or difflib.get_close_matches(name, known, n=1, cutoff=0.5)
         hint = f"did you mean '{near[0]}'?" if near else "expected one such as estimator, tag or excitation.amplitude"
-        return FilterError(f"filter: nothing in the database has '{name}'; {hint}")
+        return FilterError(f"{place}: nothing in the database has '{name}'; {hint}")

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from sqlalchemy import ColumnElement, Connection, FromClause, Table, and_, func, or_, select
 from sqlalchemy.sql.visitors import iterate
 
-from fraexp.errors import FilterError, StoreError
+from fraexp.errors import StoreError
 from fraexp.store.damage import RESTORE_HINT
 from fraexp.store.queries import reading
 from fraexp.store.queries.filter_sql import SWEEP_COLUMNS, SWEEP_KEY, condition_sql, run_view, split_parameter
@@ -145,8 +145,7 @@ def _sort_columns(name: str, names: KnownNames, number: int | None) -> list[Expr
         return [select(func.min(metric.c.value)).where(*chosen).scalar_subquery()]
     if name in names.labels:
         return names.json.sort_keys(run_view.c.labels, [name])
-    error = names.unknown_name_error(name)
-    raise FilterError(str(error).replace("filter:", "order:", 1))
+    raise names.unknown_name_error(name, "order")
 
 
 def _joined_query(

@@ -105,7 +105,7 @@ The run is a separate process: it continues if you quit or the connection is los
         name, random = self.entry.name, self.entry.data.get("monte_carlo")
         groups = await self.compute(
             lambda workspace: build_form(*workspace.outline(name, changed), random, workspace.registry),
-            lambda text: self._show_plan(text, error=True),
+            lambda error: self._show_plan(str(error), error=True),
         )
         if groups is None:
             return
@@ -130,18 +130,19 @@ The run is a separate process: it continues if you quit or the connection is los
     async def _plan(self) -> None:
         """Show the plan of a launch, or why it is impossible."""
         name, changed, (executor, rerun) = self.entry.name, self._overrides, self._options
-        self._error = ""
+        self._error, fault = "", None
         try:
             _, (planned,) = await self.wait_for(self.app.backend.work(lambda w: w.plan(name, changed, rerun, executor)))
             self._show_plan(plan_summary(survey_plan(name, planned)))
         except StoreError as error:  # the run itself may repair it
             self._show_plan(str(error), error=True)
         except Exception as error:  # a plugin may raise anything
+            fault = error
             is_told = isinstance(error, FraexpError)
             self._error = str(error) if is_told else f"{type(error).__name__}: {' '.join(str(error).split())}"
             self._show_plan(self._error.removeprefix(f"{self.entry.file}, "), error=True)
         self._planned_for = (changed, rerun)
-        wrong = self.mark_fault(self._error)
+        wrong = self.mark_fault(fault)
         if wrong and self.form.field is None:  # else the user is editing another line
             self.form.see(wrong)
 

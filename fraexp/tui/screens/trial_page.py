@@ -16,6 +16,7 @@ from textual.widgets import Static
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.parameters import unit_of
 from fraexp.data.terminal_text import printable
+from fraexp.errors import errors_within
 from fraexp.tui.page import LOAD_GROUP, shorten
 from fraexp.tui.plotting.plot_stack import PlotStack
 from fraexp.tui.plotting.plotted_curves import REFERENCE, Picture, PlotPanel, PlotTrace
@@ -53,8 +54,8 @@ class TrialForm:
         component = registry.provider(FrictionModel.kind, name).component
         base = example_spec(component, registry)
         fields = [
-            *_fields(MODEL_PREFIX, name, parameter_entries(component, base, registry)),
-            *_fields(MOTION_PREFIX, "", parameter_entries(SineMotion, SineMotion().plain(), registry)),
+            *_fields(MODEL_PREFIX, parameter_entries(component, base, registry)),
+            *_fields(MOTION_PREFIX, parameter_entries(SineMotion, SineMotion().plain(), registry)),
         ]
         groups: dict[str, list[FormField]] = {}
         for field in fields:
@@ -69,20 +70,20 @@ class TrialForm:
             {path.removeprefix(prefix): text for path, text in texts.items() if path.startswith(prefix)}
             for prefix in (MODEL_PREFIX, MOTION_PREFIX)
         )
-        sine = SineMotion.parse(apply_texts({}, motion), MOTION_PREFIX[:-1])
+        with errors_within(MOTION_PREFIX[:-1]):
+            sine = SineMotion.parse(apply_texts({}, motion), MOTION_PREFIX[:-1])
         spec = apply_texts(self.base, own)
         component = registry.provider(FrictionModel.kind, str(spec["name"])).component
         return spec, sine, trial_overrides(without_defaults(component, spec, registry), sine)
 
 
-def _fields(prefix: str, owner: str, entries: Iterable[ParameterEntry]) -> Iterator[FormField]:
-    """Yield the lines of parameters, which errors may name with their owner, or by the last part alone."""
+def _fields(prefix: str, entries: Iterable[ParameterEntry]) -> Iterator[FormField]:
+    """Yield the lines of parameters."""
     for entry in entries:
         last = entry.path.rpartition(".")[2]
-        named = (f"{owner}.{entry.path}", f"{owner}.{last}", entry.path, last)
         yield FormField(
             prefix + entry.path, entry.text, unit_of(entry.info), entry.hint, choices=entry.choices,
-            named=named, label=last, step=entry.next_text,
+            label=last, step=entry.next_text,
         )  # fmt: skip
 
 
@@ -166,8 +167,9 @@ The law is evaluated in plain Python; the command at the top computes the same l
 
         def begin(workspace: WorkspaceService) -> tuple[LawTrial, ForceLoop, str]:
             spec, sine, told = form.read(self.written, workspace)
-            trial = LawTrial(spec, sine, workspace.registry)
-            return trial, trial.loop(), workspace.command(TRIAL_STUDY, told)
+            with errors_within(MODEL_PREFIX[:-1]):
+                trial = LawTrial(spec, sine, workspace.registry)
+                return trial, trial.loop(), workspace.command(TRIAL_STUDY, told)
 
         found = await self.compute(begin, self._show_fault)
         if found is None:
@@ -185,7 +187,7 @@ The law is evaluated in plain Python; the command at the top computes the same l
         """Show an error, and mark the value that it names."""
         self.query_one("#wrong", Static).update(Text(printable(shorten(text))))
         self.query_one("#numbers", Static).update(Text(f"previous: {self._numbers}" if text else self._numbers))
-        self.mark_fault(text)
+        self.mark_fault(self.fault if text else None)
 
     def _show_loop(self, trial: LawTrial, loop: ForceLoop) -> None:
         factor, unit = (1e3, "mm") if trial.sine.amplitude >= 1e-3 else (1e6, "µm")

@@ -1,6 +1,5 @@
 """The launch form of a study: a field for each parameter, with its path, meaning and allowed values."""
 
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -46,8 +45,6 @@ class FormField:
     instead: str = ""
     """Value that applies if the text is empty."""
     choices: tuple[str, ...] = ()
-    named: tuple[str, ...] = ()
-    """Names of the field in error messages."""
     label: str = ""
     """Shown in place of the path."""
     step: Callable[[str, float], str] = keep_text
@@ -92,14 +89,15 @@ def override_texts(changes: Mapping[str, str]) -> list[str]:
     return [f"{path}={text}" for path, text in changes.items() if path not in (EXECUTOR_OPTION, RERUN_OPTION)]
 
 
-def find_concerned(error: str, fields: Sequence[FormField]) -> FormField | None:
-    """Return the field that an error names, by the longest of its names; None if it names none."""
-    found: dict[str, FormField] = {}
-    for field in fields:
-        for name in (field.path, *field.named):
-            if re.search(rf"(?<![\w.]){re.escape(name)}(?![\w.])", error):
-                found.setdefault(name, field)
-    return found[max(found, key=len)] if found else None
+def find_concerned(path: str, fields: Sequence[FormField]) -> FormField | None:
+    """Return the field of a parameter's path, or the one in which it lies; None if there is none.
+
+    Of a table in a component the path may lack the table's name.
+    """
+    section, _, name = path.partition(".")
+    found = [field for field in fields if f"{path}.".startswith(f"{field.path}.")]
+    found += [of for of in fields if name and of.path.startswith(f"{section}.") and of.path.endswith(f".{name}")]
+    return max(found, key=lambda field: len(field.path)) if found else None
 
 
 def _is_axis(path: str, axes: Mapping[str, object]) -> bool:
@@ -171,7 +169,6 @@ def _parameter_field(
         entry.hint,
         (instead or "not given") if same else CASES_DIFFER,
         entry.choices,
-        (f"{title}.{name}", f"{title} lacks '{name}'", f"{title}: {name}"),
     )
 
 

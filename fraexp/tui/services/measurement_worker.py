@@ -126,7 +126,7 @@ def plan_summaries(service: Service) -> tuple[PlanSummary, ...]:
     try:
         service.check()
     except FraexpError as error:
-        faults.append(f"{error}; {EXAMPLE}" if "[measurement]" in str(error) else str(error))
+        faults.append(f"{error}; {EXAMPLE}" if error.path.startswith("measurement") else str(error))
     try:
         found = tuple(plan_summary(plan, service.files(plan.task)) for plan in service.plans())
         if not faults:

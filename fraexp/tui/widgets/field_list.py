@@ -17,6 +17,7 @@ from textual.widget import Widget
 from textual.widgets import Button, Input, Static
 
 from fraexp.data.terminal_text import printable
+from fraexp.errors import FraexpError
 from fraexp.tui.page import Page
 from fraexp.tui.services.launch_form import FieldGroup, FormField, find_concerned
 
@@ -238,9 +239,9 @@ class FormPage(Page):
         await asyncio.sleep(self.CHECK_DELAY_S)
         await self.check()
 
-    def mark_fault(self, text: str) -> FormField | None:
-        """Mark the line that an error names, and return it; an empty text removes the mark."""
-        field = find_concerned(text, self.form.fields) if text else None
+    def mark_fault(self, error: Exception | None) -> FormField | None:
+        """Mark the line that an error is about, and return it; without an error the mark is removed."""
+        field = find_concerned(error.path, self.form.fields) if isinstance(error, FraexpError) else None
         self.written.wrong = field.path if field else ""
         self.form.redraw()
         return field
