@@ -27,7 +27,7 @@ def test_no_module_reads_a_sentence():
         for file in files
         if (name := str(file.relative_to(ROOT))) not in FOREIGN
         for line in file.read_text("utf-8").splitlines()
-        if READ.search(line.partition("  #")[0])
+        if READ.search(line.partition("  #")[0]) and r'"\n" not in' not in line  # that an error is one line is checked
     }
     assert len(files) > 400
     assert sorted(found) == []
