@@ -17,8 +17,6 @@ from collections.abc import Callable
 import numpy as np
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification.friction.friction_identification import FrictionIdentification
-from fraexp_plugins.identification.friction.sliding_identification import SlidingIdentification
-from fraexp_plugins.identification.friction.viscous_identification import ViscousIdentification
 from harness import ROOT, Bench, run
 from numba import njit
 from numpy.typing import NDArray
@@ -28,7 +26,7 @@ sys.path.insert(0, str(ROOT))
 from fraexp.components.kinds import Estimator
 from fraexp.data.signals import Segment, Signals
 from fraexp.errors import RecordError
-from tests.identification.friction_records import THREE, driven, motion, record
+from tests.identification.friction_records import THREE, driven, motion, record, sliding
 
 GUIDE: Rolling = FRICTION  # type: ignore[assignment]
 NOISE = 0.01
@@ -81,12 +79,12 @@ def coverage(bench: Bench) -> None:
     _count(bench, "grid", FrictionIdentification(), GUIDE, count)
     chosen = "free thresholds, number chosen (believes in that number)"
     _count(bench, chosen, FrictionIdentification(back_propagation=True), GUIDE, count // 5, more=0.06)
-    _count(bench, "free thresholds", FrictionIdentification(back_propagation=True, start=start), THREE, count)
+    _count(bench, "free thresholds", FrictionIdentification(starts=(start,)), THREE, count)
     inside = 0
     for seed in range(bench.seed, bench.seed + count):
-        found = metrics_of(ViscousIdentification().estimate(runs(seed)))
+        found = metrics_of(sliding(constant_velocity=True).estimate(runs(seed)))
         inside += abs(found["viscous coefficient"] - 4.69) <= found["viscous coefficient, 95 %"]
-    bench.share("viscous_identification: D_v", inside / count, count)
+    bench.share("runs at constant velocity: D_v", inside / count, count)
 
 
 def _count(bench: Bench, name: str, estimator: Estimator, truth: Rolling, count: int, more: float = 0.0) -> None:
@@ -165,7 +163,7 @@ def _errors(bench: Bench, kind: Callable[..., NDArray[np.float64]], row: tuple[t
         channels = {"u": NEWTON_PER_VOLT * volts[None], "y": y[None]}
         segment = Segment(SAMPLE_TIME, channels, np.array([1]), periodic=False)
         try:
-            result = SlidingIdentification().estimate(Signals((segment,), {"u": "N", "y": "m"}))
+            result = sliding().estimate(Signals((segment,), {"u": "N", "y": "m"}))
         except RecordError:  # all sliding is at one speed
             continue
         metrics = metrics_of(result)

@@ -11,7 +11,7 @@ Stribeck velocity and attraction by up to 50 %, and the viscous coefficient by u
 and the static force are guesses that know nothing of the machine. Elements have the machine's proportions. The dead
 time is given.
 
-chosen        `friction_law_comparison` with every law as a candidate: it must choose the machine's in 19 of 20
+chosen        `maximum_likelihood` with every law to choose from: it must choose the machine's in 19 of 20
 slow-sliding  LuGre machines whose Stribeck velocity is 1.25 times the largest of their records, so that Coulomb force
               and Stribeck velocity are extrapolated: nine of ten 95 % intervals of what is called right must hold
 coulomb       The Coulomb force from sines at 20 frequencies and two amplitudes, 4 periods, 30 nm of noise, by
@@ -127,7 +127,7 @@ def record(machine: DrawnMachine, *excitations: dict[str, Any], points: int = PO
 
 def choose(machine: DrawnMachine, signals: Signals, models: Any, noise: float = 0.0) -> Result:
     """Return the comparison of laws on the records of a machine."""
-    spec = {"name": "friction_law_comparison", "candidates": models, "resolution": RESOLUTION_M, "noise": noise}
+    spec = {"name": "maximum_likelihood", "starts": models, "resolution": RESOLUTION_M, "noise": noise}
     return create(REGISTRY, Estimator, {**spec, **machine.delays()}).estimate(signals)
 
 

@@ -31,6 +31,7 @@ import numpy as np
 from drawn_machines import DrawnMachine, drawn_machine
 from fraexp_plugins.identification._shared.law_numbers import scaled_friction as scaled_law
 from fraexp_plugins.identification.whole_record._fit_report import FitReport
+from fraexp_plugins.identification.whole_record._machine_fit import fit_machine, joint_fit
 from fraexp_plugins.identification.whole_record.maximum_likelihood import MaximumLikelihood
 from friction_bands import squared_distance, within_limits
 from harness import ROOT, Bench, run
@@ -274,9 +275,9 @@ def coverage(bench: Bench) -> None:
     sine = {"frequencies": COVERED_HZ, "recorded_periods": PERIODS}
     for seed in range(bench.seed, bench.seed + seeds):
         signals = paper_signals(sine, COVERAGE_STEPS, noise=NOISE_M, seed=seed)
-        fit = estimator.staged_fit(signals, NOISE_M, estimator.own_free)
-        known = known or fit.joint()
-        result = FitReport(signals, *fit.run(known)).result()
+        problem = estimator.problem(signals, NOISE_M, estimator.law)
+        known = known or joint_fit(problem)[0]
+        result = FitReport(signals, *fit_machine(problem, known)).result()
         response = response_of(result)
         plant = true_response(response.frequency)
         held.append(is_covered(result, plant))

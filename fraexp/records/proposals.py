@@ -352,7 +352,13 @@ def _propose_period(
         values, rate = _even_values(proposal, values, time, table)
     period = detect_period(values)
     if period is None:
-        proposal.words += ["--aperiodic", "--estimator", "sliding_identification"]
+        proposal.words += [
+            "--aperiodic",
+            "--estimator",
+            "friction_identification",
+            "--set",
+            "estimator.laws=['coulomb']",
+        ]
         proposal.findings.append(f"'{chosen.name}' does not repeat itself")
         return
     every = f"every {period} samples" + (f" ({period / rate:.6g} s)" if rate else "")

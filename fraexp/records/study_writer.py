@@ -100,8 +100,8 @@ def _default_estimator(request: ImportRequest) -> str:
         joined = len(request.files) > 1 and not request.each_file and not request.options.get("join_files")
         return AVERAGING_ESTIMATOR if several or joined else PERIODIC_ESTIMATOR
     raise StudyError(
-        f"{request.files[0]}: a record that does not repeat itself needs --estimator: sliding_identification for mass "
-        "and friction, friction_identification for presliding, local_polynomial for a response; see fraexp plugins"
+        f"{request.files[0]}: a record that does not repeat itself needs --estimator: friction_identification for mass "
+        "and friction, local_polynomial for a response; see fraexp plugins"
     )
 
 

@@ -123,11 +123,9 @@ def test_two_unknown_displacements_are_too_many(rubbing_motor):
         observer({"motor": MOTOR, "load": LOAD}).estimate(replace(rubbing_motor, units=units))
 
 
-@pytest.mark.parametrize("estimator", ["maximum_likelihood", "friction_law_comparison"])
-def test_methods_for_one_contact_refuse_the_record_of_several(estimator, registry):
-    spec = {"name": estimator, "input_dead_time": DEAD_TIME}
-    if estimator == "maximum_likelihood":
-        spec["friction"] = MOTOR.spec()
+@pytest.mark.parametrize("given", [{"friction": MOTOR.spec()}, {"laws": ["rolling"]}], ids=["friction", "laws"])
+def test_methods_for_one_contact_refuse_the_record_of_several(given, registry):
+    spec = {"name": "maximum_likelihood", "input_dead_time": DEAD_TIME, **given}
     method, few = create(registry, Estimator, spec), (20.0, 40.0)
     both = record({"motor": MOTOR, "load": LOAD}, 60.0, frequencies=few)
     with pytest.raises(RecordError, match=r"friction at 2 contacts \(motor, load\).*maximum_likelihood.frictions"):

@@ -35,9 +35,8 @@ STUDIES = [
     "quick",
 ]
 """In which each estimator has a sweep of a few seconds at most."""
-LONG = {"plant_and_friction", "friction_identification", "sliding_identification", "friction_law_comparison"}
-"""Identification that takes ten seconds and more; it computes as viscous_identification or maximum_likelihood do, which
-are here."""
+LONG = {"plant_and_friction"}
+"""Identification that takes ten seconds and more; it computes as maximum_likelihood does, which is here."""
 UNUSED = {"local_rational", "injection_on_motion", "loop_tuning", "plant_and_law", "excitation_design"}
 """Estimators that are in none of these studies."""
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 from fraexp_plugins.friction.rolling import Rolling
+from fraexp_plugins.identification.friction.friction_identification import FrictionIdentification
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.data.results import Result
@@ -41,3 +42,9 @@ def record(model: FrictionModel, *, samples: int = 1000, cycles: int = 8, **how:
 def values(result: Result) -> dict[str, float]:
     """Return the metrics by name."""
     return {metric.name: metric.value for metric in result.metrics}
+
+
+def sliding(**given: object) -> FrictionIdentification:
+    """Return the estimator of mass and friction from sliding."""
+    common = {"laws": ("coulomb",), "thrust": "u", "displacement": "y", "max_frequency": 15.0}
+    return FrictionIdentification(**{**common, **given})

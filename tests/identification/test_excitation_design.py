@@ -95,8 +95,9 @@ def test_a_repeated_period_tells_nothing_new_without_noise():
 def test_a_plan_lasts_as_long_as_its_simulation(recorded, registry):
     """Settling included, and what the windows in which it shows have of the record."""
     sines = {"name": "sine_list", "frequencies": [20.0, 80.0], "amplitudes": [12.0]}
-    fit = design().method.staged_fit(recorded(excitation=sines, noise=NOISE), NOISE, SCALES)
-    records = planned_records(fit.fit_around(create(registry, Plant, MACHINE["plant"])), (12.0, 12.0))
+    method = design().method
+    problem = method.problem(recorded(excitation=sines, noise=NOISE), NOISE, method.law)
+    records = planned_records(problem.fit_around(create(registry, Plant, MACHINE["plant"])), (12.0, 12.0))
     for counts in ((1, 1), (3, 10)):
         segments = recorded(excitation={**sines, "period_counts": counts}, noise=NOISE).segments
         lasted = [each.settling.time + each.channels["y"].size * each.sample_time for each in segments]
@@ -113,7 +114,7 @@ def short(recorded):
 def test_the_bands_of_a_plan_are_those_of_the_estimate(short, registry):
     friction, plant = create(registry, FrictionModel, MACHINE["friction"]), create(registry, Plant, MACHINE["plant"])
     method = design().method.model_copy(update={"friction": friction})
-    fit = method.staged_fit(short, NOISE, SCALES).fit_around(plant)
+    fit = method.problem(short, NOISE, friction).fit_around(plant)
     records = planned_records(replace(fit, free=FreeParameters(SCALES, nonzero_numbers(plant))), (12.0,) * 12)
     response = method.estimate(short).response
     found = response.standard_deviation / np.abs(response.response)

@@ -7,8 +7,6 @@ from fraexp_plugins.excitations.constant_velocities import ConstantVelocities
 from fraexp_plugins.excitations.slow_triangle import SlowTriangle
 from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.identification.friction.friction_identification import FrictionIdentification
-from fraexp_plugins.identification.friction.sliding_identification import SlidingIdentification
-from fraexp_plugins.identification.friction.viscous_identification import ViscousIdentification
 from fraexp_plugins.plants.modal import Modal
 
 from fraexp.components.periods import Period
@@ -17,7 +15,7 @@ from fraexp.errors import ParameterError, RecordError
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.examples import thorough
-from tests.identification.friction_records import values
+from tests.identification.friction_records import sliding, values
 from tests.machines import LEAD, TABLE, guide
 
 STIFF = Pid(proportional=60e3, derivative_time=0.02, filter_time=0.002)
@@ -94,10 +92,10 @@ def test_whether_a_measured_thrust_is_held_is_found(held):
     slides = recorded(
         wide, Coulomb(coulomb_force=5.0, viscous_coefficient=8.0), Modal(rigid_body_gain=1 / 1.7), pid, **ideal
     )
-    assert SlidingIdentification().estimate(slides).message == ""  # of a simulation it is known
-    sliding = SlidingIdentification().estimate(measured(slides, every))
-    assert values(sliding)["mass"] == pytest.approx(1.7, rel=2e-3)
-    assert ("between samples" in sliding.message) is not held
+    assert sliding().estimate(slides).message == ""  # of a simulation it is known
+    found = sliding().estimate(measured(slides, every))
+    assert values(found)["mass"] == pytest.approx(1.7, rel=2e-3)
+    assert ("between samples" in found.message) is not held
 
 
 def test_the_mass_at_one_speed_is_as_uncertain_as_the_reversals():
@@ -142,7 +140,7 @@ def test_coulomb_friction_mass_viscous_friction_and_offset_come_from_one_record_
 
 def test_runs_at_constant_velocity_give_the_viscous_coefficient():
     excitation = ConstantVelocities(velocities=(5e-3, 10e-3, 20e-3), travel=20e-3, cycles=2)
-    result = ViscousIdentification().estimate(recorded(excitation, guide(), noise=30e-9))
+    result = sliding(constant_velocity=True).estimate(recorded(excitation, guide(), noise=30e-9))
     found = values(result)
     assert not result.message
     assert found["viscous coefficient"] == pytest.approx(4.69, rel=5e-3)
@@ -155,14 +153,14 @@ def test_runs_at_constant_velocity_give_the_viscous_coefficient():
 def test_a_stribeck_effect_is_remarked_on():
     friction = Coulomb(coulomb_force=15.0, static_force=18.0, stribeck_velocity=12e-3, viscous_coefficient=400.0)
     excitation = ConstantVelocities(velocities=(5e-3, 10e-3, 20e-3, 30e-3), travel=20e-3, cycles=2)
-    message = ViscousIdentification().estimate(recorded(excitation, friction, resolution=0.0)).message
+    message = sliding(constant_velocity=True).estimate(recorded(excitation, friction, resolution=0.0)).message
     assert "friction is not linear in the velocity" in message
 
 
 def test_one_velocity_alone_is_refused():
     excitation = ConstantVelocities(velocities=(10e-3,), travel=20e-3, cycles=2)
-    with pytest.raises(RecordError, match=r"all 4 runs are at one velocity, 0.0\d+ m/s; expected runs at different"):
-        ViscousIdentification().estimate(recorded(excitation, guide()))
+    with pytest.raises(RecordError, match=r"all sliding is at one speed, 0.0\d+ m/s; expected several speeds"):
+        sliding(constant_velocity=True).estimate(recorded(excitation, guide()))
 
 
 @pytest.mark.parametrize(

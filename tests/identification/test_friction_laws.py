@@ -35,8 +35,8 @@ def varied(model, noise=0.0):
 @pytest.mark.parametrize(
     ("model", "estimator"),
     [
-        (GMS, FrictionIdentification(law="gms", elements=2)),
-        thorough(BRISTLE, FrictionIdentification(law="elastoplastic")),
+        (GMS, FrictionIdentification(laws=("gms",), elements=2)),
+        thorough(BRISTLE, FrictionIdentification(laws=("elastoplastic",))),
     ],
     ids=lambda one: one.name,
 )
@@ -58,7 +58,8 @@ def test_the_law_is_found_and_held_out_parts_are_met_to_the_noise(model, estimat
 @pytest.mark.thorough
 def test_the_rolling_model_has_no_part_in_a_stribeck_effect_and_its_error_says_so():
     wrong, right = (
-        one.estimate(varied(GMS)) for one in (FrictionIdentification(), FrictionIdentification(law="gms", elements=2))
+        one.estimate(varied(GMS))
+        for one in (FrictionIdentification(), FrictionIdentification(laws=("gms",), elements=2))
     )
     assert values(wrong)["rms error, held-out cycles"] > 10 * values(right)["rms error, held-out cycles"]
 
@@ -67,7 +68,7 @@ def test_one_speed_alone_is_refused():
     y = 400e-6 * np.interp(np.arange(8000) % 1000, [0, 250, 750, 1000], [0, 1, -1, 0])
     once = signals(y, driven(GMS, y, STEP), STEP, 8)
     with pytest.raises(RecordError, match="friction_identification: all sliding is at one speed"):
-        FrictionIdentification(law="gms").estimate(once)
+        FrictionIdentification(laws=("gms",)).estimate(once)
 
 
 def test_the_limits_of_a_virgin_curve_never_fall_and_hold_it():
@@ -105,7 +106,7 @@ class Hysteresis(FrictionModel, name="bouc_wen_of_a_user", version=1):
 def test_a_users_own_law_is_found_from_the_start_that_it_states():
     truth = Hysteresis(slope=2e5, limit=9.0, sharpness=1.6)
     start = Hysteresis(slope=6e5, limit=5.0, sharpness=1.0)
-    result = FrictionIdentification(start=start).estimate(varied(truth, NOISE))
+    result = FrictionIdentification(starts=(start,)).estimate(varied(truth, NOISE))
     found = dict(zip(result.fits[0].parameters, result.fits[0].values, strict=True))
     std = dict(zip(result.fits[0].parameters, result.fits[0].standard_deviation, strict=True))
     assert result.fits[0].component["name"] == truth.name
@@ -115,9 +116,9 @@ def test_a_users_own_law_is_found_from_the_start_that_it_states():
 
 
 def test_a_law_and_a_way_that_do_not_go_together_are_refused():
-    with pytest.raises(ParameterError, match=r"law is 'gsm'; did you mean 'gms'\?.*give a model as `start`"):
-        FrictionIdentification(law="gsm")
-    with pytest.raises(ParameterError, match=r"start is gms; expected a model of the law dahl"):
-        FrictionIdentification(law="dahl", start=GMS)
-    with pytest.raises(ParameterError, match=r"back_propagation frees the thresholds .* leave it out with the law gms"):
-        FrictionIdentification(law="gms", back_propagation=True)
+    with pytest.raises(ParameterError, match=r"laws: 'gsm' is unknown; did you mean 'gms'\?.*give a model in `starts`"):
+        FrictionIdentification(laws=("gsm",))
+    with pytest.raises(ParameterError, match=r"back_propagation frees the thresholds of the law rolling; leave it out"):
+        FrictionIdentification(laws=("gms",), back_propagation=True)
+    with pytest.raises(ParameterError, match=r"constant_velocity is for the law coulomb alone"):
+        FrictionIdentification(constant_velocity=True)

@@ -4,12 +4,10 @@ import re
 
 import numpy as np
 import pytest
-from fraexp_plugins.identification.friction._friction_report import model_error_remarks
-from fraexp_plugins.identification.friction.sliding_identification import SlidingIdentification
 
 from fraexp.data.signals import Segment, Settling, Signals
 from fraexp.errors import RecordError
-from tests.identification.friction_records import THREE, driven, values
+from tests.identification.friction_records import THREE, driven, sliding, values
 
 RATE, MASS = 1000.0, 3.0
 
@@ -35,7 +33,7 @@ TRUTH = {"mass": MASS, "Coulomb force": 8.0, "viscous coefficient": 25.0, "offse
 
 @pytest.mark.parametrize(("late", "asymmetry", "noise"), [(0, 0.0, 0.0), (2, 0.0, 0.3), (0, 6.0, 0.1)])
 def test_what_the_motion_took_is_found(late: int, asymmetry: float, noise: float) -> None:
-    estimator = SlidingIdentification(input_dead_time=late / RATE, fit_asymmetry=asymmetry > 0)
+    estimator = sliding(input_dead_time=late / RATE, fit_asymmetry=asymmetry > 0)
     result = estimator.estimate(record(late=late, asymmetry=asymmetry, noise=noise))
     found = values(result)
     for name, value in TRUTH.items():
@@ -53,7 +51,7 @@ def test_the_intervals_hold_the_truth_in_noise() -> None:
         (segment,) = clean.segments
         u = segment.channels["u"] + np.random.default_rng(seed).normal(size=segment.channels["u"].shape)
         noisy = Segment(1 / RATE, {**segment.channels, "u": u}, segment.lines, segment.settling)
-        found = values(SlidingIdentification().estimate(Signals((noisy,), clean.units)))
+        found = values(sliding().estimate(Signals((noisy,), clean.units)))
         covered += [abs(found[name] - value) < found[f"{name}, 95 %"] for name, value in TRUTH.items()]
     assert 0.88 < np.mean(covered) <= 1.0
 
@@ -68,7 +66,7 @@ def fewer(signals: Signals, every: int) -> Signals:
 @pytest.mark.parametrize("hold", [None, True, False])
 def test_a_thrust_that_is_neither_held_nor_even_widens_the_intervals(hold: bool | None) -> None:
     """Every fifth sample of a held thrust comes 0.4 of the new samples before one that is held, not 0.5."""
-    result = SlidingIdentification(zero_order_hold=hold).estimate(fewer(record(), 5))
+    result = sliding(zero_order_hold=hold).estimate(fewer(record(), 5))
     found = values(result)
     for name in ("mass", "viscous coefficient"):
         assert abs(found[name] - TRUTH[name]) < found[f"{name}, 95 %"] < 0.2 * TRUTH[name], name
@@ -81,30 +79,33 @@ def test_an_error_of_a_few_percent_is_reported_where_it_is_no_noise() -> None:
     beat = 0.6 * np.sin(2 * np.pi * 1.7 * np.arange(20000) / RATE)  # a force of 7.5 % that nobody knows of
     channels = {**segment.channels, "u": segment.channels["u"] + beat}
     shaken = Signals((Segment(1 / RATE, channels, segment.lines, segment.settling),), {"u": "N", "y": "m"})
-    result = SlidingIdentification().estimate(shaken)
+    result = sliding().estimate(shaken)
     found = values(result)
-    assert "the error is 5% of the Coulomb force, of which noise explains" in result.message
+    assert "the error is 5.3% of the Coulomb force, of which noise explains" in result.message
     assert all(abs(found[name] - value) < found[f"{name}, 95 %"] for name, value in TRUTH.items())
-    assert model_error_remarks(10.0, 0.65, 0.01)
-    assert not model_error_remarks(10.0, 0.65, 0.3)  # a noisy force
 
 
 def test_effects_outside_the_model_are_reported() -> None:
-    assert "Stribeck" in SlidingIdentification().estimate(record(stribeck=2.0)).message
+    assert "Stribeck" in sliding().estimate(record(stribeck=2.0)).message
 
 
 def test_an_unsuitable_motion_is_refused() -> None:
     time = np.arange(4000) / RATE
-    one_way = Segment(1 / RATE, {"u": time[None] + 1, "y": 0.1 * time[None]}, np.array([1]), Settling(True, 0.0, 0.0))
-    with pytest.raises(RecordError, match=r"slides faster than .* in one direction; expected"):
-        SlidingIdentification().estimate(Signals((one_way,), {"u": "N", "y": "m"}))
+    one_way = Segment(
+        1 / RATE,
+        {"u": time[None] + 1, "y": (0.1 + 0.1 * time[None]) * time[None]},
+        np.array([1]),
+        Settling(True, 0.0, 0.0),
+    )
+    with pytest.raises(RecordError, match=r"the machine slides in 0 rows in one direction; expected 30"):
+        sliding().estimate(Signals((one_way,), {"u": "N", "y": "m"}))
     turned = record()
     (segment,) = turned.segments
     wrong = Segment(
         1 / RATE, {"u": -segment.channels["u"], "y": segment.channels["y"]}, segment.lines, segment.settling
     )
     with pytest.raises(RecordError, match="check signs and gains"):
-        SlidingIdentification().estimate(Signals((wrong,), turned.units))
+        sliding().estimate(Signals((wrong,), turned.units))
 
 
 def test_friction_that_rises_after_each_reversal_is_left_out() -> None:
@@ -114,7 +115,7 @@ def test_friction_that_rises_after_each_reversal_is_left_out() -> None:
     u = MASS * np.gradient(velocity, time) + driven(THREE, y, 1 / RATE)
     u = (u + np.roll(u, -1)) / 2
     segment = Segment(1 / RATE, {"u": u[None], "y": y[None]}, np.array([1]), Settling(True, 0.0, 0.0))
-    found = values(SlidingIdentification(presliding_distance=3e-4).estimate(Signals((segment,), {"u": "N", "y": "m"})))
+    found = values(sliding(presliding_distance=3e-4).estimate(Signals((segment,), {"u": "N", "y": "m"})))
     assert found["mass"] == pytest.approx(MASS, rel=0.01)
     assert found["Coulomb force"] == pytest.approx(sum(THREE.limit_force), rel=0.01)
     assert found["viscous coefficient"] == pytest.approx(THREE.viscous, rel=0.05)
@@ -132,7 +133,7 @@ def disturbed(force: float, decay: float, noise: float = 0.0, seed: int = 1) -> 
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 def test_a_disturbed_start_is_left_out(noise: float) -> None:
     """Of 20 s the first second has another force; with it the viscous coefficient is wrong by more than half."""
-    result = SlidingIdentification().estimate(disturbed(300.0, 0.1, noise))
+    result = sliding().estimate(disturbed(300.0, 0.1, noise))
     found = values(result)
     for name, value in TRUTH.items():
         assert found[name] == pytest.approx(value, rel=0.015), name
@@ -152,14 +153,14 @@ def test_a_jump_of_the_reference_at_the_start_does_no_harm() -> None:
     u[:3] += 3000.0, -1500.0, 800.0
     channels = {"u": u[None], "y": y[None]}
     segment = Segment(1 / RATE, channels, np.array([1]), Settling(True, 0.0, 0.0), periodic=False)
-    found = values(SlidingIdentification().estimate(Signals((segment,), {"u": "N", "y": "m"})))
+    found = values(sliding().estimate(Signals((segment,), {"u": "N", "y": "m"})))
     for name, value in TRUTH.items():
         assert found[name] == pytest.approx(value, rel=0.015), name
 
 
 def test_no_start_is_left_out_without_reason() -> None:
     for seed in range(20):
-        result = SlidingIdentification().estimate(disturbed(0.0, 1.0, 1.0, seed))
+        result = sliding().estimate(disturbed(0.0, 1.0, 1.0, seed))
         assert "left out" not in result.message
 
 
@@ -169,6 +170,6 @@ def test_a_record_that_does_not_repeat_itself_is_not_differentiated_as_a_period(
     channels = {name: values[:, :13300] for name, values in segment.channels.items()}
     for settling in (None, Settling(True, 5.0, 0.0)):
         cut = Segment(1 / RATE, channels, segment.lines, settling, periodic=False)
-        found = values(SlidingIdentification().estimate(Signals((cut,), record().units)))
+        found = values(sliding().estimate(Signals((cut,), record().units)))
         for name, value in TRUTH.items():
             assert found[name] == pytest.approx(value, rel=1e-3), name

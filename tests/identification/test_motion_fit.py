@@ -5,7 +5,7 @@ import pytest
 from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_value
 from fraexp_plugins.identification._shared.law_numbers import shape_parameters
 from fraexp_plugins.identification.whole_record._free_parameters import SCALES
-from fraexp_plugins.identification.whole_record._motion_fit import fit_along_motion
+from fraexp_plugins.identification.whole_record._motion_fit import fits_along_motion
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.registry import create
@@ -20,9 +20,9 @@ def fitted(registry, signals, spec):
     """Return the fit of a law with all its numbers free, and what it finds, by name."""
     friction = create(registry, FrictionModel, spec)
     method = estimator(spec, free=[*SCALES, *shape_parameters(friction)])
-    staged = method.staged_fit(signals, 0.0, method.own_free)
-    found = fit_along_motion(staged)
-    factors = dict(zip(staged.free.names, np.exp(found.shared), strict=False))
+    problem = method.problem(signals, 0.0, friction)
+    found = fits_along_motion(problem)[0]
+    factors = dict(zip(problem.free.names, np.exp(found.shared), strict=False))
     values = {name: factor * parameter_value(friction, name) for name, factor in factors.items() if name not in SCALES}
     return found, values | {name: factors[name] for name in SCALES}
 
@@ -40,7 +40,6 @@ def test_numbers_that_are_wrong_by_a_factor_are_found(recorded, registry):
 def test_a_plant_that_is_given_stays(recorded, registry):
     signals = recorded(excitation=SINES)
     method = estimator(nominal_plant=MACHINE["plant"])
-    staged = method.staged_fit(signals, 0.0, method.own_free)
-    found = fit_along_motion(staged)
+    found = fits_along_motion(method.problem(signals, 0.0, method.law))[0]
     assert found.plant == method.nominal_plant
     assert found.shared == pytest.approx([0, 0], abs=0.01)

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 from fraexp_plugins.identification.friction.friction_identification import FrictionIdentification
-from fraexp_plugins.identification.friction.sliding_identification import SlidingIdentification
 
 from fraexp.data.signals import Segment, Signals
-from tests.identification.friction_records import THREE, driven, values
+from tests.identification.friction_records import THREE, driven, sliding, values
 from tests.records.strangers import Drive, point_to_point
 
 RATE = 1000.0
@@ -28,7 +27,7 @@ def record_of(drive: Drive, reference: np.ndarray) -> Signals:
 def test_a_force_along_the_stroke_is_told_from_viscous_friction() -> None:
     """A ripple of a quarter of the Coulomb force: left in the residual it makes the band wider than 10 %."""
     drive = Drive(ripple=2.0, pitch=7e-3)
-    result = SlidingIdentification().estimate(record_of(drive, point_to_point(RATE)))
+    result = sliding().estimate(record_of(drive, point_to_point(RATE)))
     found = values(result)
     assert abs(found[VISCOUS] - drive.viscous) < 1e-3 * drive.viscous
     assert found[BOUND] <= found[BAND] < 0.02 * drive.viscous
@@ -51,7 +50,7 @@ def test_the_bound_is_the_information_in_the_samples() -> None:
     found = []
     for seed in range(30):
         noise = np.random.default_rng(seed).normal(size=time.size)
-        found.append(values(SlidingIdentification(zero_order_hold=False).estimate(signals(clean + noise, y))))
+        found.append(values(sliding(zero_order_hold=False).estimate(signals(clean + noise, y))))
     bounds, bands = (np.array([each[name] for each in found]) for name in (BOUND, BAND))
     assert least < np.median(bounds) < 1.35 * least
     assert np.median(bands) < 1.6 * least

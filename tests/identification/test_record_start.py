@@ -56,7 +56,7 @@ def estimator(registry):
 def test_a_replay_with_its_own_start_is_the_true_motion(registry, recorded, estimator):
     """A periodic replay of the right machine is off by more than the noise, so that a wrong one is likelier."""
     signals = recorded(2, frequencies=[1.5, 2.0, 3.0])
-    fit = estimator.staged_fit(signals, NOISE, estimator.own_free).fit_around(create(registry, Plant, PLANT))
+    fit = estimator.problem(signals, NOISE, estimator.law).fit_around(create(registry, Plant, PLANT))
     state = State(np.zeros(len(fit.free.names)), tuple(np.zeros(record.count) for record in fit.records))
     (periodic,) = fit._positions([state])
     off, left = [], []
@@ -73,5 +73,5 @@ def test_intervals_hold_the_law_in_a_loop_with_noise(recorded, estimator):
     result = estimator.estimate(recorded(2, min_frequency=1.5, max_frequency=150, points=20))
     found = {metric.name: metric.value for metric in result.metrics}
     true = {"force_scale": 1.0, "displacement_scale": 1.0, **FRICTION}
-    off = {name: abs(found[name] - true[name]) / found[f"{name}, 95 %"] for name in estimator.own_free}
+    off = {name: abs(found[name] - true[name]) / found[f"{name}, 95 %"] for name in estimator.free}
     assert max(off.values()) < 1.5, off

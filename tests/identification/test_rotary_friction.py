@@ -37,5 +37,5 @@ def test_a_bench_without_friction_is_refused_with_the_reason(tmp_path: Path, law
         fraexp.FraexpError, match=r"the force still rises by 0\.0\d+ N m of 0\.0\d+ N m; record a motion"
     ):
         fraexp.Workspace(tmp_path).estimate(
-            record, {"name": "friction_identification", "law": law, "thrust": "u", "displacement": "y"}
+            record, {"name": "friction_identification", "laws": [law], "thrust": "u", "displacement": "y"}
         )

@@ -84,10 +84,18 @@ EXPERIMENTS = [
     pytest.param(STEPPED, {"name": "conventional"}, id="conventional"),
     pytest.param(STEPPED, {"name": "effective_input"}, id="effective_input"),
     pytest.param(MOVE, {"name": "positioning_metrics"}, id="positioning"),
-    pytest.param(SLIDING, {"name": "sliding_identification"}, id="sliding", marks=pytest.mark.thorough),
+    pytest.param(
+        SLIDING,
+        {"name": "friction_identification", "laws": ["coulomb"], **IDENTIFIED},
+        id="sliding",
+        marks=pytest.mark.thorough,
+    ),
     pytest.param(TRIANGLE, {"name": "friction_identification", **IDENTIFIED}, id="rolling", marks=pytest.mark.thorough),
     pytest.param(
-        DRIVEN, {"name": "friction_identification", "law": "gms", "elements": 2}, id="gms", marks=pytest.mark.thorough
+        DRIVEN,
+        {"name": "friction_identification", "laws": ["gms"], "elements": 2},
+        id="gms",
+        marks=pytest.mark.thorough,
     ),
 ]
 """An excitation of the straight axis, what differs of it on the rotary one, and an estimator."""

@@ -47,7 +47,15 @@ def channels(u: str, y: str) -> list[str]:
 def test_what_the_model_does_not_know_is_told(folder: Path) -> None:
     write_drive(folder / "drive.mat", point_to_point(DRIVE.rate))
     command = ["import", "drive.mat", *channels("servo_volt * -31.5 [N]", "enc_cnt * 0.5 [um]")]
-    more = ["--sample-rate", "1000", "--aperiodic", "--estimator", "sliding_identification"]
+    more = [
+        "--sample-rate",
+        "1000",
+        "--aperiodic",
+        "--estimator",
+        "friction_identification",
+        "--set",
+        "estimator.laws=['coulomb']",
+    ]
     assert main([*command, *more]) == ExitCode.INCOMPLETE  # the thrust has the wrong sign
 
 

@@ -13,8 +13,8 @@ class ConstantVelocities(ReferenceMotion, name="constant_velocities", version=1)
     """The position reference covers the same travel back and forth, one experiment per velocity (paper, section V-A).
 
     The force of steady sliding over the velocity gives D_v and shows whether there is a Stribeck effect
-    (`viscous_identification`). The travel must be many times the presliding distance, which is left out at each
-    reversal.
+    (`friction_identification` with `constant_velocity`). The travel must be many times the presliding distance, which
+    is left out at each reversal.
     """
 
     velocities: tuple[float, ...] = param("m/s", "velocities", (5e-3, 10e-3, 20e-3, 40e-3))

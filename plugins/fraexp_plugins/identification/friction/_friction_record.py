@@ -1,6 +1,6 @@
 """Records for friction identification: displacement, force, motion and cycles of each segment."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,32 +63,6 @@ class FrictionRecord:
         return np.gradient(self.displacement, self.sample_time)
 
 
-MAX_ERROR_RATIO = 0.8
-"""Error without a hold over that with one, below which the thrust counts as not held: most are held."""
-HOLD_MEANING = (
-    "whether the thrust is held between samples; detected if it is not given, unless the signals are simulated"
-)
-"""Meaning of the parameter `zero_order_hold`."""
-
-
-def detect_zero_order_hold(
-    signals: Signals, zero_order_hold: bool | None, error: Callable[[bool], float]
-) -> tuple[bool, list[str]]:
-    """Return whether the thrust is held between samples, and remarks on the detection.
-
-    A simulated thrust is held. A measured one is held if it is a controller's output, not if it is that of a force
-    sensor: the root mean square `error` [N] of the model decides.
-    """
-    if zero_order_hold is not None or signals.numerics:
-        return zero_order_hold is not False, []
-    if error(False) >= MAX_ERROR_RATIO * error(True):
-        return True, []
-    return False, [
-        "the thrust is not held between samples, like that of a force sensor: this fits better; set zero_order_hold "
-        "if you know it"
-    ]
-
-
 def check_units(signals: Signals, expected: dict[str, str]) -> None:
     """Raise RecordError for a channel that is missing or has another unit: kilograms do not follow from volts."""
     for name, unit in expected.items():
@@ -148,7 +122,7 @@ def _cycles(displacement: NDArray[np.float64], periods: int) -> NDArray[np.int64
     return np.searchsorted(turns, np.arange(size), side="right")
 
 
-def quantisation_step(records: list[FrictionRecord]) -> float:
+def quantisation_step(records: Sequence[FrictionRecord]) -> float:
     """Return the quantisation step of the encoder [m] that the positions show; 0 if they show none."""
     steps = np.abs(np.concatenate([np.diff(record.displacement) for record in records]))
     largest = float(steps.max())

@@ -1,225 +1,212 @@
-"""The result of friction identification: elements, errors, metrics and curves."""
+"""The result of friction identification: numbers with their intervals, errors, curves, doubts and the model."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve, Finding, Fit, Metric, Outcome, Result, Signals
-from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE, virgin_curve
-from fraexp_plugins.identification.friction._friction_regression import RegressionRows
+from fraexp.api import Curve, Finding, Fit, Metric, Outcome, Quantity, Result, Signals
+from fraexp_plugins.friction._shared.element_model import ElementModel
+from fraexp_plugins.identification._shared.friction_curves import force_over_velocity, virgin_curve
+from fraexp_plugins.identification.friction._friction_fit import MAX_ERROR, FrictionFit
+from fraexp_plugins.identification.friction._friction_problem import TERM_UNITS
 
-MAX_ERROR, MAX_UNEXPLAINED_ERROR = 0.1, 0.03
-"""Errors over the Coulomb force above which the model is wrong: in any case, and if noise does not explain it."""
-MAX_NOISE_RATIO = 3.0
-"""Error over that by the channels' noise up to which noise explains it."""
+MAX_RELATIVE_STD = 2.0
+"""Relative standard deviation from which a parameter is not identifiable."""
+MIN_DEFLECTION_STEPS = 10.0
+"""Quantisation steps that the presliding deflection should have."""
+MIN_CURVATURE_STDS, MIN_CURVATURE = 4.0, 0.05
+"""Standard deviations of a quadratic term, and its part of the viscous force at the largest speed, from which friction
+is not linear in the velocity."""
 VIRGIN_CURVE_POINTS = 60
 MAX_CURVE_SAMPLES = 2000
 """Samples of the curve of forces."""
+TITLES = {"viscous": "viscous coefficient", "asymmetry": "viscous asymmetry", "coulomb_force": "Coulomb force"}
 
 
-@dataclass(frozen=True)
-class ReportedElements:
-    """Identified elements, and the terms that were identified with them."""
-
-    stiffness: NDArray[np.float64]
-    """K_i [N/m], shape (N,)."""
-    limit_force: NDArray[np.float64]
-    """F_mi [N], shape (N,)."""
-    damping: NDArray[np.float64]
-    """D_i [N s/m], shape (N,), or empty."""
-    terms: Mapping[str, float]
-    """Offset [N], asymmetry and viscous coefficient [N s/m] and mass [kg], those that were fitted or are known."""
-    covariance: NDArray[np.float64]
-    """Covariance of the K_i, F_mi, D_i and terms, in this order."""
-
-    @property
-    def virgin_curve(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return displacement x [m], g(x) = Σ K_i min(x, Y_i) [N] and its standard deviation [N], each (n,)."""
-        widths = self.limit_force / self.stiffness
-        x = np.unique(
-            np.concatenate([np.geomspace(widths.min() / 10, 1.2 * widths.max(), VIRGIN_CURVE_POINTS), widths])
-        )
-        sticks = x[:, None] < widths
-        gradient = np.concatenate([np.where(sticks, x[:, None], 0.0), np.where(sticks, 0.0, 1.0)], axis=1)
-        force = gradient @ np.concatenate([self.stiffness, self.limit_force])
-        size = gradient.shape[1]
-        variance = np.einsum("ij,jk,ik->i", gradient, self.covariance[:size, :size], gradient)
-        return x, force, np.sqrt(np.maximum(variance, 0.0))
-
-    @property
-    def coulomb(self) -> tuple[float, float]:
-        """Return ΣF_mi [N] and its standard deviation."""
-        size = self.limit_force.size
-        block = self.covariance[size : 2 * size, size : 2 * size]
-        return float(self.limit_force.sum()), float(np.sqrt(max(block.sum(), 0.0)))
-
-    def std(self, term: str) -> float:
-        """Return the standard deviation of a term."""
-        place = len(self.covariance) - len(self.terms) + list(self.terms).index(term)
-        return float(np.sqrt(max(self.covariance[place, place], 0.0)))
-
-
-@dataclass(frozen=True)
-class Errors:
-    """The errors of the model's force."""
-
-    fitted: float
-    """Root mean square error over the cycles that were fitted [N]."""
-    held_out: float
-    """Root mean square error over the cycles that were held out [N]."""
-    residuals: Sequence[NDArray[np.float64]]
-    """Residuals of all rows of each record [N]."""
-
-    @property
-    def worst(self) -> float:
-        """The larger of both errors."""
-        return float(np.nanmax([self.fitted, self.held_out]))
-
-
-def report(
-    signals: Signals,
-    found: ReportedElements,
-    rows: Sequence[RegressionRows],
-    errors: Errors,
-    cycles: tuple[int, int],
-    remarks: Sequence[Finding | str],
-) -> Result:
-    """Return the result: parameters, errors and energy as metrics, virgin curve and forces as curves, and the fit.
-
-    `cycles` are the numbers of fitted and of held-out cycles.
-    """
-    metrics = [*_parameters(found), *_quality(found, rows, errors), *_counts(cycles, found), *_deviations(found)]
-    curves = (virgin_curve(*found.virgin_curve), force_curve(rows, errors))
-    outcome = outcome_of_fit(signals.outcome, found.coulomb[0], errors.worst)
-    result = Result(outcome, signals.findings, metrics=tuple(metrics), curves=curves, fits=(rolling_fit(found),))
-    return result.with_findings(*remarks)
-
-
-def has_model_error(coulomb: float, error: float, noise: float) -> bool:
-    """Return whether an error [N] is too large for a right model, given the error by the channels' noise [N]."""
-    return error > MAX_ERROR * coulomb or error > max(MAX_UNEXPLAINED_ERROR * coulomb, MAX_NOISE_RATIO * noise)
-
-
-def outcome_of_fit(outcome: Outcome, coulomb: float, error: float) -> Outcome:
-    """Return the outcome of a fit: it is not ok if its parameters are unreliable."""
-    return Outcome.INACCURATE if outcome is Outcome.OK and error > MAX_ERROR * coulomb else outcome
-
-
-def model_error_remarks(coulomb: float, error: float, noise: float) -> list[str]:
-    """Return a remark if an error [N] is too large for a right model with this Coulomb force [N]."""
-    if not has_model_error(coulomb, error, noise):
-        return []
-    relative = error / coulomb
-    causes = (
-        "a standstill below the encoder's resolution, noise, another force or a wrong dead time; see the curve "
-        "'friction force'"
+def report(signals: Signals, fit: FrictionFit, verdict: Finding | None = None) -> Result:
+    """Return the result: numbers, errors and energy as metrics, forces as curves, and the friction model."""
+    is_wrong = signals.outcome is Outcome.OK and fit.worst_error > MAX_ERROR * fit.coulomb_force
+    result = Result(
+        Outcome.INACCURATE if is_wrong else signals.outcome,
+        signals.findings,
+        metrics=tuple(_metrics(fit)),
+        curves=tuple(_curves(fit)),
+        fits=(_model(fit),),
     )
+    return result.with_findings(verdict, *fit.problem.findings, *_findings(fit))
+
+
+def _findings(fit: FrictionFit) -> Iterator[Finding | str]:
+    if isinstance(fit.model, ElementModel):
+        deflection, resolution = fit.coulomb_force / _stiffness(fit), fit.problem.resolution
+        if resolution * MIN_DEFLECTION_STEPS > deflection:
+            steps = Quantity(resolution, "m", "encoder step"), Quantity(deflection, "m", "presliding deflection")
+            yield Finding("not identifiable", steps, place="stiffness", remedy="use a finer encoder")
+    else:
+        pairs = zip(fit.numbers, np.sqrt(np.diag(fit.covariance)).tolist(), strict=True)
+        loose = [n.name for n, std in pairs if n.name not in TERM_UNITS and not std < MAX_RELATIVE_STD * abs(n.value)]
+        if loose:
+            remedy = "vary the speed from presliding to sliding"
+            yield Finding("not identifiable", place=", ".join(loose), remedy=remedy)
+    if "viscous" in fit.problem.terms and fit.term("viscous") <= 0 and fit.problem.is_sliding:
+        yield "friction falls with the velocity: a Stribeck effect, or a wrong dead time; fit a law with such an effect"
+    if fit.problem.is_sliding and _is_curved(fit):
+        yield "friction is not linear in the velocity (Stribeck effect?): D_v is valid between these velocities only"
+    if fit.stroke is not None:
+        text = (
+            "a force along the stroke, such as cogging or the ripple of a screw, is fitted too; the offset contains "
+            "its mean"
+        )
+        size = float(np.std(np.concatenate(fit.stroke.forces)))
+        yield Finding("remark", (Quantity(size, "N", "rms"),), text=text)
+    if fit.has_model_error:
+        yield _model_error(fit)
+
+
+def _is_curved(fit: FrictionFit) -> bool:
+    """Return whether a force v |v| explains a significant part of what the terms leave, and changes D_v by it."""
+    residual, slopes = np.concatenate(fit.residuals), np.concatenate(fit.slopes)
+    velocity = np.concatenate([rows.velocity for rows in fit.rows])
+    basis, _ = np.linalg.qr(slopes)
+    own = velocity * np.abs(velocity)
+    own = own - basis @ (basis.T @ own)
+    value, freedom = own @ residual / (own @ own), max(residual.size - slopes.shape[1] - 1, 1)
+    left = residual - value * own
+    std = np.sqrt(left @ left / freedom * fit.problem.rows_per_noise / (own @ own))
+    change = abs(value) * float(np.abs(velocity).max())
+    return bool(abs(value) > MIN_CURVATURE_STDS * std and change > MIN_CURVATURE * abs(fit.term("viscous")))
+
+
+def _model_error(fit: FrictionFit) -> str:
+    relative = fit.worst_error / fit.coulomb_force
+    causes = (
+        "a standstill below the encoder's resolution, noise, another force, a Stribeck effect, a mode below ten times "
+        "max_frequency, or a wrong gain or dead time; see the curve of the forces"
+    )
+    error = f"the error is {relative:.1%} of the Coulomb force"
     if relative > MAX_ERROR:
-        return [
-            f"the error is {relative:.0%} of the Coulomb force, so its parameters are unreliable; possible causes: "
-            f"{causes}"
-        ]
-    return [
-        f"the error is {relative:.1%} of the Coulomb force, of which noise explains {noise / coulomb:.1g}: the "
-        f"intervals are widened, but may not cover the true values; possible causes: {causes}"
-    ]
+        return f"{error}, so its parameters are unreliable; possible causes: {causes}"
+    return (
+        f"{error}, of which noise explains {fit.noise / fit.coulomb_force:.1g}: the intervals are widened, but may not "
+        f"cover the true values; possible causes: {causes}"
+    )
 
 
-UNITS = {"mass": "kg", "viscous": "N s/m", "offset": "N", "asymmetry": "N s/m"}
-TITLES = {
-    "mass": "mass",
-    "viscous": "viscous coefficient",
-    "offset": "offset",
-    "asymmetry": "viscous asymmetry",
-    "coulomb_force": "Coulomb force",
-}
+def _stiffness(fit: FrictionFit) -> float:
+    """Return ΣK_i [N/m]."""
+    return sum(each.value for each in fit.numbers if each.name.startswith("stiffness"))
 
 
-def _parameters(found: ReportedElements) -> list[Metric]:
-    force = found.coulomb[0]
-    stiffness = float(found.stiffness.sum())
-    return [
-        Metric("Coulomb force", force, "N"),
-        Metric("presliding deflection", force / stiffness, "m"),
-        *(Metric(TITLES[term], value, UNITS[term]) for term, value in found.terms.items()),
-        Metric("presliding stiffness", stiffness, "N/m"),
-    ]
+def _half_widths(fit: FrictionFit) -> dict[str, float]:
+    """Return half of the 95 % interval of each number by its name."""
+    std = fit.quantile * np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    return dict(zip((each.name for each in fit.numbers), std.tolist(), strict=True))
 
 
-def _deviations(found: ReportedElements) -> list[Metric]:
-    terms = [Metric(f"{TITLES[term]}, 95 %", NORMAL_QUANTILE * found.std(term), UNITS[term]) for term in found.terms]
-    return [Metric("Coulomb force, 95 %", NORMAL_QUANTILE * found.coulomb[1], "N"), *terms]
+def _metrics(fit: FrictionFit) -> Iterator[Metric]:
+    """Yield the numbers, those of a list of elements but as their sums, and how well they explain the record."""
+    widths, is_of_elements = _half_widths(fit), isinstance(fit.model, ElementModel)
+    if is_of_elements:
+        limits = np.array([each.name.startswith("limit_force") for each in fit.numbers])
+        std = np.sqrt(max(limits @ fit.covariance @ limits, 0.0))
+        yield from _with_interval("Coulomb force", "N", fit.coulomb_force, fit.quantile * std)
+        yield Metric("presliding deflection", fit.coulomb_force / _stiffness(fit), "m")
+        yield Metric("presliding stiffness", _stiffness(fit), "N/m")
+    for number in fit.numbers:
+        if not is_of_elements or number.name in TERM_UNITS:
+            title = TITLES.get(number.name, number.name.replace("_", " "))
+            yield from _with_interval(title, number.unit, number.value, widths[number.name])
+    if fit.problem.viscous is not None:
+        yield Metric(TITLES["viscous"], fit.problem.viscous, TERM_UNITS["viscous"])
+    elif "viscous" in widths:
+        bound = np.sqrt(np.diag(fit.inverse)[fit.shape.size + fit.problem.terms.index("viscous")] * fit.white_variance)
+        yield Metric(f"{TITLES['viscous']}, 95 %, Cramér-Rao bound", fit.quantile * float(bound), TERM_UNITS["viscous"])
+    if fit.stroke is not None:
+        yield Metric("force along the stroke, rms", float(np.std(np.concatenate(fit.stroke.forces))), "N")
+    yield Metric("rms error, fitted cycles", fit.error, "N")
+    if np.isfinite(fit.held_out_error):
+        yield Metric("rms error, held-out cycles", fit.held_out_error, "N")
+        yield Metric("rms error, held-out cycles, over the Coulomb force", fit.held_out_error / fit.coulomb_force, "1")
+    yield Metric(fit.problem.observation.rows_name, float(sum(rows.force.size for rows in fit.rows)), "1")
+    if is_of_elements:
+        yield from _of_cycles(fit)
 
 
-def _quality(found: ReportedElements, rows: Sequence[RegressionRows], errors: Errors) -> list[Metric]:
-    metrics = []
-    if np.isfinite(errors.held_out):
-        metrics.append(Metric("rms error, held-out cycles", errors.held_out, "N"))
-    measured, model = energies(found, rows, errors)
-    metrics += [Metric("energy per cycle", measured, "N m"), Metric("energy per cycle, model", model, "N m")]
-    metrics.append(Metric("rms error, fitted cycles", errors.fitted, "N"))
-    if np.isfinite(errors.held_out):
-        share = errors.held_out / found.coulomb[0]
-        metrics.append(Metric("rms error, held-out cycles, over the Coulomb force", share, "1"))
-    return metrics
+def _with_interval(title: str, unit: str, value: float, half_width: float) -> Iterator[Metric]:
+    yield Metric(title, value, unit)
+    yield Metric(f"{title}, 95 %", half_width, unit)
 
 
-def energies(found: ReportedElements, rows: Sequence[RegressionRows], errors: Errors) -> tuple[float, float]:
-    """Return the friction's work per cycle [N m], measured and by the model."""
+def _of_cycles(fit: FrictionFit) -> Iterator[Metric]:
+    """Yield the friction's work per cycle, measured and by the model, and how many elements and cycles there are."""
     measured = model = 0.0
-    for each, residual in zip(rows, errors.residuals, strict=True):
-        work = each.velocity * each.duration
-        force = each.force - _inertia(found, each)
+    for rows, residual, record in zip(fit.rows, fit.residuals, fit.problem.records, strict=True):
+        duration = record.sample_time * float(np.diff(fit.problem.observation.samples(record)[:2])[0])
+        work, force = duration * rows.velocity, rows.force - _inertia(fit, rows.columns)
         measured += float(np.add.reduce(work * force))
         model += float(np.add.reduce(work * (force - residual)))
-    sizes = np.unique(np.concatenate([each.cycle for each in rows]), return_counts=True)[1]
+    sizes = np.unique(np.concatenate([rows.cycle for rows in fit.rows]), return_counts=True)[1]
     count = float(sizes.sum() / np.median(sizes))  # only a part of the first cycle may be known
-    return measured / count, model / count
+    yield Metric("energy per cycle", measured / count, "N m")
+    yield Metric("energy per cycle, model", model / count, "N m")
+    yield Metric("elements", float(sum(each.name.startswith("stiffness") for each in fit.numbers)), "1")
+    yield Metric("cycles fitted", float(fit.problem.cycles.size), "1")
+    yield Metric("cycles held out", float(fit.problem.held_out.size), "1")
 
 
-def _inertia(found: ReportedElements, rows: RegressionRows) -> NDArray[np.float64]:
-    if "mass" not in rows.names:
-        return np.zeros_like(rows.force)
-    return found.terms["mass"] * rows.columns[:, rows.names.index("mass")]
+def _inertia(fit: FrictionFit, columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the force that accelerates the mass in rows with these columns [N], shape (rows,)."""
+    terms = fit.problem.terms
+    return fit.term("mass") * columns[:, terms.index("mass")] if "mass" in terms else np.zeros(len(columns))
 
 
-def _counts(cycles: tuple[int, int], found: ReportedElements) -> list[Metric]:
-    return [
-        Metric("elements", float(found.stiffness.size), "1"),
-        Metric("cycles fitted", float(cycles[0]), "1"),
-        Metric("cycles held out", float(cycles[1]), "1"),
-    ]
-
-
-def force_curve(rows: Sequence[RegressionRows], errors: Errors) -> Curve:
-    """Return measured force and model over the first cycles."""
-    first, residual = rows[0], errors.residuals[0]
-    time = first.duration * np.arange(first.force.size)
-    table = np.stack([time, first.force, first.force - residual])[:, :MAX_CURVE_SAMPLES]
+def _curves(fit: FrictionFit) -> Iterator[Curve]:
+    """Yield the virgin curve of elements, force over velocity of sliding, or measured force and model over time."""
+    if fit.problem.is_sliding:
+        triples = [
+            (rows.velocity, rows.force - _inertia(fit, rows.columns), r)
+            for rows, r in zip(fit.rows, fit.residuals, strict=True)
+        ]
+        velocity, force, residual = (np.concatenate(each) for each in zip(*triples, strict=True))
+        along = 0.0 if fit.stroke is None else np.concatenate(fit.stroke.forces)
+        yield force_over_velocity(velocity, force - along, force - along - residual)
+        return
+    if isinstance(fit.model, ElementModel):
+        yield virgin_curve(*_virgin_curve(fit))
+    rows, residual = next(pair for pair in zip(fit.rows, fit.residuals, strict=True) if pair[1].size)
+    time = rows.time - rows.time[0]
+    table = np.stack([time, rows.force, rows.force - residual])[:, :MAX_CURVE_SAMPLES]
     columns = dict(zip(("time", "force", "model"), table, strict=True))
-    return Curve("friction force", columns, {"time": "s", "force": "N", "model": "N"})
+    yield Curve("friction force", columns, {"time": "s", "force": "N", "model": "N"})
 
 
-def rolling_fit(found: ReportedElements) -> Fit:
-    """Return the rolling model with the covariance of its parameters."""
-    viscous = found.terms.get("viscous", 0.0)
-    model = Rolling(
-        stiffness=tuple(found.stiffness.tolist()),
-        limit_force=tuple(found.limit_force.tolist()),
-        damping=tuple(found.damping.tolist()),
-        viscous_coefficient=viscous,
+def _virgin_curve(fit: FrictionFit) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return displacement x [m], g(x) = Σ K_i min(x, Y_i) [N] and its standard deviation [N], each (n,)."""
+    values = {name: np.array([n.value for n in fit.numbers if n.name.startswith(name)]) for name in LISTS}
+    stiffness, force = values.values()
+    widths = force / stiffness
+    x = np.unique(np.concatenate([np.geomspace(widths.min() / 10, 1.2 * widths.max(), VIRGIN_CURVE_POINTS), widths]))
+    sticks = x[:, None] < widths
+    gradient = np.concatenate([np.where(sticks, x[:, None], 0.0), np.where(sticks, 0.0, 1.0)], axis=1)
+    size = gradient.shape[1]
+    variance = np.einsum("ij,jk,ik->i", gradient, fit.covariance[:size, :size], gradient)
+    return x, gradient @ np.concatenate([stiffness, force]), np.sqrt(np.maximum(variance, 0.0))
+
+
+LISTS = ("stiffness", "limit_force")
+"""Numbers of elements, which come first."""
+
+
+def _model(fit: FrictionFit) -> Fit:
+    """Return the friction model with the covariance of its numbers."""
+    inside = [place for place, each in enumerate(fit.numbers) if each.name not in ("offset", "asymmetry", "mass")]
+    chosen = [fit.numbers[place] for place in inside]
+    return Fit(
+        "friction",
+        fit.model.spec(),
+        tuple("viscous_coefficient" if each.name == "viscous" else each.name for each in chosen),
+        tuple(each.unit for each in chosen),
+        np.array([each.value for each in chosen]),
+        fit.covariance[np.ix_(inside, inside)],
     )
-    count = found.stiffness.size
-    names = [f"stiffness.{number}" for number in range(count)] + [f"limit_force.{number}" for number in range(count)]
-    names += [f"damping.{number}" for number in range(found.damping.size)]
-    units = ["N/m"] * count + ["N"] * count + ["N s/m"] * found.damping.size
-    values = [*found.stiffness, *found.limit_force, *found.damping]
-    places = list(range(len(names)))
-    if "viscous" in found.terms:
-        names, units, values = [*names, "viscous_coefficient"], [*units, "N s/m"], [*values, viscous]
-        places.append(len(found.covariance) - len(found.terms) + list(found.terms).index("viscous"))
-    covariance = found.covariance[np.ix_(places, places)]
-    return Fit("friction", model.spec(), tuple(names), tuple(units), np.array(values), covariance)

@@ -1,6 +1,6 @@
-"""A friction law from a record of displacement and force, or of thrust and position."""
+"""Friction from force and motion: a law's parameters, beside mass, viscous friction and offset."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -8,12 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
-    Curve,
     Estimator,
     Finding,
-    Fit,
     FrictionModel,
-    Metric,
     ParameterError,
     PositionDependentFriction,
     Quantity,
@@ -24,90 +21,89 @@ from fraexp.api import (
     param,
 )
 from fraexp_plugins.friction._shared.element_model import ElementModel
+from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.friction.dahl import Dahl
 from fraexp_plugins.friction.elastoplastic import Elastoplastic
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.friction.lugre import LuGre
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
-from fraexp_plugins.identification._shared.law_numbers import LawNumbers, rough_model
+from fraexp_plugins.identification._shared.law_numbers import rough_model
 from fraexp_plugins.identification._shared.stop_operator import turning_points
-from fraexp_plugins.identification.friction._friction_record import (
-    HOLD_MEANING,
-    FrictionRecord,
-    detect_zero_order_hold,
-    friction_records,
-    quantisation_step,
+from fraexp_plugins.identification.friction._element_grid import curve_end, fit_elements, grid_error
+from fraexp_plugins.identification.friction._friction_fit import FrictionFit, LawForces, fit_law, search_shape
+from fraexp_plugins.identification.friction._friction_problem import FrictionProblem
+from fraexp_plugins.identification.friction._friction_record import FrictionRecord, friction_records, quantisation_step
+from fraexp_plugins.identification.friction._friction_report import report
+from fraexp_plugins.identification.friction._observation import (
+    EVEN,
+    HELD,
+    ConstantVelocityRuns,
+    MeasuredFriction,
+    Observation,
+    ThrustAndMotion,
 )
-from fraexp_plugins.identification.friction._friction_regression import SIGNED_TERMS, Observation, RegressionRows
-from fraexp_plugins.identification.friction._friction_report import (
-    TITLES,
-    UNITS,
-    ReportedElements,
-    force_curve,
-    model_error_remarks,
-    outcome_of_fit,
-    report,
-)
-from fraexp_plugins.identification.friction._friction_task import IdentificationTask, curve_end, element_solution
-from fraexp_plugins.identification.friction._shape_fit import (
-    DIFFERENCE_STEP,
-    FreeElements,
-    LawShape,
-    ShapedForces,
-    fit_shape,
-    search_shape,
-)
+from fraexp_plugins.identification.friction._sliding import disturbed_start, slides
 
 LAWS: dict[str, type[FrictionModel]] = {
-    law.name: law for law in (Rolling, GeneralizedMaxwellSlip, Elastoplastic, LuGre, Dahl)
+    law.name: law for law in (Rolling, Coulomb, GeneralizedMaxwellSlip, Elastoplastic, LuGre, Dahl)
 }
 LAW_ELEMENTS = 4
 """Elements of a law with a Stribeck effect, if the study does not give their number."""
 START_VELOCITY_RATIOS, TRIAL_STEPS = (0.3, 1.0, 3.0), 20
 """Stribeck velocities to start from, over the slowest tenth's sliding speed, and steps from each of them, after which
 only the best search goes on."""
-MAX_RELATIVE_STD = 2.0
-"""Relative standard deviation from which a parameter is not identifiable."""
 START_DAMPING = 1e-3
 """Force of the elements' dampers at the largest speed over the Coulomb force, at which a search begins."""
 NEGLIGIBLE_FORCE = 1e-6
 """Force over the Coulomb force below which an element counts as none."""
+EQUAL_ERROR = 1.01
+"""Held-out error over the least one up to which laws are equal, and that with the fewest numbers is chosen."""
+HELD_OUT_STEP = 4
+"""Every fourth cycle is held out."""
 MAX_THRESHOLD_RATIO = 0.35
 """Largest threshold over the stroke: an element that hardly slips is a slow rise of the force with any cause."""
 MIN_SPEED_RATIO = 1.5
 """Fast over slow sliding from which viscous and Coulomb friction are separated."""
-MIN_THRESHOLD_STEPS, MAX_THRESHOLD_SPAN, MAX_SEARCH_SPAN = 0.5, 300.0, 1e5
-"""Smallest threshold in quantisation steps (below one step an element acts as Coulomb friction), and the ratio of the
-largest to the smallest threshold, and that while the end of the virgin curve is searched: a drive's stroke is thousands
-of times its presliding deflection."""
-MIN_DEFLECTION_STEPS = 10.0
-"""Quantisation steps that the presliding deflection should have."""
+GRID_SIZE, MIN_THRESHOLD_STEPS, MAX_THRESHOLD_SPAN, MAX_SEARCH_SPAN = 100, 0.5, 300.0, 1e5
+"""Thresholds of the grid, the smallest in quantisation steps (below one step an element acts as Coulomb friction), and
+the ratio of the largest to the smallest, and that while the end of the virgin curve is searched: a drive's stroke is
+thousands of times its presliding deflection."""
 MIN_REVERSALS = 3
 """Reversals from which friction is separated from other forces."""
+MAX_EVEN_ERROR_RATIO, MIN_MIXED_LEAD = 0.8, 0.05
+"""Error without a hold over that with one, below which the thrust counts as not held, as most are; and the lead in
+samples from both from which it is neither."""
 
 
-class FrictionIdentification(Estimator, name="friction_identification", version=1):
+class FrictionIdentification(Estimator, name="friction_identification", version=2):
     """The parameters of a friction law, with mass, viscous friction and offset, by least squares along a record.
 
-    `law` names the law. `rolling` is elements whose number need not be known: on a grid of thresholds Y_mi the
-    deflections z_i of stop operators are known, eqs (6), (9), and min ‖f - Σ K_i z_i - …‖² over K_i ≥ 0 is convex (D.
-    D. Rizos and S. D. Fassois, Chaos 14(2), 2004, with preassigned thresholds; C. L. Lawson and R. J. Hanson, Solving
-    Least Squares Problems, 1974). Elements are removed one by one, always the one whose removal increases the error
-    least; their number is the one with the smallest squared error over held-out cycles. Single K_i are
-    ill-conditioned under noise: assess the force and the virgin curve, whose bands include the residuals' correlation
-    and thresholds between those of the grid.
+    `laws` names one law, or several, of which the one with the smallest error over held-out cycles is chosen; `starts`
+    are models to start from, of any law, your own included. The numbers that such a model states are estimated, those
+    that it leaves at their defaults are not.
 
-    With `back_propagation` the thresholds of these elements are free, too, and `fit_damping` adds their D_i: the
-    paper's way (section V-A), with Gauss-Newton steps in place of its steepest descent. The problem is not convex:
-    another `start` may lead to a worse minimum; compare the held-out errors. The bands assume the number of elements:
-    for a smooth virgin curve, which has none, they cover about 89 %.
+    **Elements** (`rolling`): on a grid of thresholds Y_mi the deflections z_i of stop operators are known, eqs (6),
+    (9), and min ‖f - Σ K_i z_i - …‖² over K_i ≥ 0 is convex (D. D. Rizos and S. D. Fassois, Chaos 14(2), 2004, with
+    preassigned thresholds; C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, 1974). Elements are removed
+    one by one, always the one whose removal increases the error least; their number is the one with the smallest
+    squared error over held-out cycles. Single K_i are ill-conditioned under noise: assess the force and the virgin
+    curve, whose bands include the residuals' correlation and thresholds between those of the grid. With
+    `back_propagation` the thresholds are free, too, and `fit_damping` adds their D_i: the paper's way (section V-A),
+    with Gauss-Newton steps in place of its steepest descent. The problem is not convex: another start may lead to a
+    worse minimum. The bands assume the number of elements: for a smooth virgin curve they cover about 89 %.
 
-    Any other law is driven by the measured motion and fitted as a whole, from the elements and several Stribeck
-    velocities, or from a model that `start` states: any law, your own included. The numbers that `start` states are
-    estimated, those that it leaves at their defaults are not. A law with a Stribeck effect needs sliding at speeds
-    from well below to well above its velocity; the message names parameters that are not identifiable. Do not use
-    such a law if rolling elements already explain the force: its Stribeck numbers then have no meaning.
+    **Sliding** (`coulomb`): u = M a + F_c sgn(v) + D_v v + F_o (+ D_a |v|) over the time in which the machine slides,
+    as at a standstill friction is any force that holds it. Any motion in both directions and at several speeds is
+    suitable (M. Gautier and Ph. Poignet, Control Engineering Practice 9(12), 2001, doi:10.1016/S0967-0661(01)00087-9).
+    A start of the record, up to a quarter of it, that the model of the rest does not explain is left out. If the terms
+    leave more than noise explains, a force along the stroke, such as cogging or the ripple of a screw, is fitted beside
+    them; where all moves are alike it looks like a term, and what it changes is then a part of the interval. With
+    `constant_velocity` the mean of each run at constant velocity is one row: D_v as the paper has it, eq (12).
+
+    **Other laws** are driven by the measured motion and fitted as a whole, from the elements and several Stribeck
+    velocities. A law with a Stribeck effect needs sliding at speeds from well below to well above its velocity; the
+    message names parameters that are not identifiable. Do not use such a law if rolling elements already explain the
+    force: its Stribeck numbers then have no meaning.
 
     The record is displacement and force. With `thrust` in place of `force` the friction is the thrust less the
     inertia of the moving mass, f = u - M a, and the mass is fitted in the same regression (J. Swevers, F. Al-Bender,
@@ -115,25 +111,36 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
     are compared up to `max_frequency`: a mode at f1 adds its part of (max_frequency/f1)² to the mass, so set it to a
     tenth of the first mode. If friction jumps at a reversal, between samples, the mass includes that jump times a
     delay of up to one sample: sample fast, or reverse rarely. A constant offset is fitted too. Besides a bias it
-    contains half the difference of the Coulomb forces of the two directions. Do not use it if the motion stays in
-    presliding, or friction depends on position or load.
+    contains half the difference of the Coulomb forces of the two directions.
+
+    The intervals include the correlation of the residuals (A. D. Sokal, 1997). The metric 'Cramér-Rao bound' is the
+    smallest interval of the viscous coefficient that an unbiased estimator has with white residuals of that size: if
+    the interval is near it, only another record (longer, faster, less noise) can narrow it.
     """
 
-    law: str = param("", "friction law: rolling, gms, elastoplastic, lugre, dahl, or that of `start`", "")
-    start: FrictionModel | None = param("", "friction model to start from; least squares if it is not given", None)
+    laws: tuple[str, ...] = param("", "friction laws: rolling, coulomb, gms, elastoplastic, lugre, dahl", ())
+    starts: tuple[FrictionModel, ...] = param("", "friction models to start from, of any law", ())
     elements: int = param(
         "1", "number of elements; chosen by held-out cycles if 0, and 4 in a law with a Stribeck effect", 0,
         at_least=0, at_most=400,
     )  # fmt: skip
     back_propagation: bool = param("", "whether the thresholds of rolling elements are free", False)
     fit_damping: bool = param("", "whether D_i of free elements, or the damping of bristles, is identified too", False)
+    constant_velocity: bool = param("", "whether runs at constant velocity are compared, of the law coulomb", False)
+    presliding_distance: float = param(
+        "m", "travel after each reversal that is left out, because friction rises there, of the law coulomb", 0.0,
+        at_least=0,
+    )  # fmt: skip
     max_iterations: int = param("1", "maximum number of steps of a search", 300, at_least=1, at_most=100_000)
     displacement: str = param("", "channel of the displacement", "displacement")
     force: str = param("", "channel of the friction force, if it is measured", "friction")
     thrust: str = param("", "channel of the thrust that moves mass and friction, in place of `force`", "")
     acceleration: str = param("", "channel of a measured acceleration; differences of the displacement if empty", "")
     max_frequency: float = param("Hz", "frequency up to which thrust and motion are compared", 5.0, above=0)
-    zero_order_hold: bool | None = param("", HOLD_MEANING, None)
+    zero_order_hold: bool | None = param(
+        "", "whether the thrust is held between samples; detected if it is not given, unless the signals are simulated",
+        None,
+    )  # fmt: skip
     input_dead_time: float = param("s", "dead time of the thrust", 0.0, at_least=0, inherit="loop.input_dead_time")
     input_time_constants: tuple[float, ...] = param(
         "s", "time constants of the thrust's first-order lags", (), inherit="loop.input_time_constants"
@@ -145,24 +152,11 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
     resolution: float = param(
         "m", "quantisation step of the encoder; detected in the record if 0", 0.0, at_least=0, inherit="loop.resolution"
     )
-    fit_offset: bool = param("", "whether a constant force is fitted", True)
     fit_asymmetry: bool = param("", "whether viscous friction may differ by direction: a force D_a |v|", False)
     viscous_coefficient: float | None = param(
         "N s/m", "viscous coefficient D_v if it is known; otherwise fitted if the velocity varies", None, at_least=0
     )
     thresholds: tuple[float, ...] = param("m", "thresholds Y_mi if they are known", ())
-    min_threshold: float | None = param(
-        "m", "smallest threshold of the grid; chosen from the motion if it is not given", None, above=0
-    )
-    max_threshold: float | None = param(
-        "m", "largest threshold of the grid; 0.35 of the stroke if it is not given", None, above=0
-    )
-    threshold_count: int = param(
-        "1", "number of thresholds of the grid, spaced logarithmically", 100, at_least=1, at_most=400
-    )
-    holdout_fraction: float = param(
-        "1", "fraction of the cycles that are held out, spread over the record", 0.25, at_least=0, at_most=0.5
-    )
 
     expected_failures: ClassVar[dict[str, str]] = dict.fromkeys(
         ("linear-plant", "result-units", "covariance", "outcome"),
@@ -170,192 +164,244 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
     )
 
     def model_post_init(self, context: object) -> None:
-        """Check law, start and thresholds."""
-        if self.start is None and self.law not in ("", *LAWS):
+        """Check laws, starts and thresholds."""
+        for law in self.laws:
+            if law not in LAWS:
+                raise ParameterError(
+                    f"{self.name}.laws: '{law}' is unknown{did_you_mean(law, LAWS)}; known: {', '.join(LAWS)}; for "
+                    "another one give a model in `starts`"
+                )
+        if any(isinstance(start, PositionDependentFriction) for start in self.starts):
+            raise ParameterError(f"{self.name}.starts: a position_dependence is not fitted; leave it out")
+        kinds = {LAWS[law] for law in self._names} | {type(start) for start in self.starts}
+        if self.back_propagation and not any(issubclass(kind, ElementModel) for kind in kinds):
+            raise ParameterError(f"{self.name}.back_propagation frees the thresholds of the law rolling; leave it out")
+        if self.constant_velocity and not self._is_sliding:
             raise ParameterError(
-                f"{self.name}.law is '{self.law}'{did_you_mean(self.law, LAWS)}; known: {', '.join(LAWS)}; for another "
-                "one give a model as `start`"
-            )
-        if self.start is not None and self.law not in ("", self.start.name):
-            raise ParameterError(f"{self.name}.start is {self.start.name}; expected a model of the law {self.law}")
-        if isinstance(self.start, PositionDependentFriction):
-            raise ParameterError(f"{self.name}.start has a position_dependence, which is not fitted; leave it out")
-        if self.back_propagation and not issubclass(self._law, ElementModel):
-            raise ParameterError(
-                f"{self.name}.back_propagation frees the thresholds of rolling elements; leave it out with the law "
-                f"{self._law.name}"
+                f"{self.name}.constant_velocity is for the law coulomb alone; expected laws = ['coulomb']"
             )
         if self.thresholds and (min(self.thresholds) <= 0 or min(np.diff(self.thresholds), default=1.0) <= 0):
             raise ParameterError(f"{self.name}.thresholds: expected values above 0 in ascending order")
-        if self.min_threshold and self.max_threshold and self.min_threshold >= self.max_threshold:
-            raise ParameterError(
-                f"{self.name}.min_threshold is ",
-                Quantity(self.min_threshold, "m"),
-                "; expected less than max_threshold, ",
-                Quantity(self.max_threshold, "m"),
-            )
-
-    def estimate(self, signals: Signals) -> Result:
-        """Return the law's parameters, terms, errors, forces and the friction model."""
-        if not issubclass(self._law, ElementModel):
-            return self._law_result(signals, self._law)
-        task = self._focused_task(signals) if self.start is None else self._task(signals)
-        if self.start is not None or self.back_propagation or self.fit_damping:
-            task, found = self._free_elements(task)
-            elements, rows, residuals = _reported_elements(task, found), found.rows, found.residuals
-        else:
-            elements, rows, coefficients = element_solution(task, self.elements, bool(self.thresholds))
-            residuals = [each.force - each.columns @ coefficients for each in rows]
-        return _element_result(signals, task, elements, rows, residuals)
 
     @property
-    def _law(self) -> type[FrictionModel]:
-        """The law that is fitted."""
-        return LAWS[self.law or "rolling"] if self.start is None else type(self.start)
+    def _names(self) -> tuple[str, ...]:
+        """Names of the laws without a start."""
+        return self.laws or (() if self.starts else (Rolling.name,))
 
-    def _focused_task(self, signals: Signals, *, spring_remarks: bool = True) -> IdentificationTask:
-        """Return the task with a grid that ends at the end of the virgin curve."""
-        task = self._task(signals, span=MAX_SEARCH_SPAN)
-        if self.thresholds:
-            return task
-        end, remarks = curve_end(task, spring_remarks=spring_remarks)
-        focused = self._task(signals, end)
-        return replace(focused, remarks=(*focused.remarks, *remarks))
+    @property
+    def _is_sliding(self) -> bool:
+        """Whether no law says anything of a standstill."""
+        return all(name == Coulomb.name for name in self._names) and all(s.velocity_law for s in self.starts)
 
-    def _free_elements(self, task: IdentificationTask) -> tuple[IdentificationTask, ShapedForces]:
-        """Return task and elements with free thresholds, and with free dampers if they are asked for."""
-        if isinstance(self.start, ElementModel):
-            thresholds, stiffness = self.start.limit_deflection, np.array(self.start.elements[0])
-            task = replace(task, thresholds=np.union1d(thresholds, task.thresholds[-1:]))
-            damping = np.array(self.start.damping)
-        else:
-            found, _, _ = element_solution(task, self.elements, bool(self.thresholds))
-            thresholds, stiffness, damping = found.limit_force / found.stiffness, found.stiffness, np.empty(0)
-        forces = FreeElements(thresholds.size, float(task.thresholds.max()))
-        springs = fit_shape(task, forces, np.log(thresholds), self.max_iterations)
-        if not self.fit_damping:  # the springs come first: damping in their place leads to a wrong minimum
-            return task, springs
-        speed = max(float(np.abs(record.velocity()).max()) for record in task.records)
-        least = START_DAMPING * float((stiffness * thresholds).sum()) / speed / stiffness.size
-        relaxation = np.maximum(damping if damping.size else least, least) / stiffness
-        return task, fit_shape(task, forces, np.concatenate([springs.shape, np.log(relaxation)]), self.max_iterations)
+    def estimate(self, signals: Signals) -> Result:
+        """Return the numbers of the law that predicts best, terms, errors, forces and the friction model."""
+        records = tuple(friction_records(signals, self.displacement, self.thrust or self.force, self.acceleration))
+        if not any(np.ptp(record.force) for record in records):
+            raise RecordError(f"'{self.thrust or self.force}' does not vary; expected the friction force")
+        fits = self._sliding_fits(signals, records) if self._is_sliding else self._presliding_fits(signals, records)
+        least = min(fit.worst_error for fit in fits)
+        equal = [fit for fit in fits if fit.worst_error <= EQUAL_ERROR * least]
+        best = min(equal, key=lambda fit: len(fit.numbers))
+        errors = tuple(Quantity(fit.worst_error, "N", f"error of {fit.model.name}") for fit in fits)
+        chosen = Finding("remark", errors, place=best.model.name, text="predicts the held-out cycles best")
+        return report(signals, best, chosen if len(fits) > 1 else None)
 
-    def _law_result(self, signals: Signals, law: type[FrictionModel]) -> Result:
-        """Return the fit of a law as a whole."""
-        # the law itself shows a spring or a Stribeck effect: no remarks on their effect on the elements
-        task = self._focused_task(signals, spring_remarks=False)
-        if "viscous" not in task.terms and task.viscous is None:
+    def _sliding_fits(self, signals: Signals, records: tuple[FrictionRecord, ...]) -> list[FrictionFit]:
+        """Return the fits of laws that say nothing of a standstill, to the rows in which the machine slides."""
+        models = [Coulomb(coulomb_force=1.0) for _ in self._names] + list(self.starts)
+        known = slides(records, self.presliding_distance)
+        speeds = np.concatenate([np.abs(r.velocity())[slide] for r, slide in zip(records, known, strict=True)])
+        problem = self._problem(records, speeds, tuple(known), np.empty(0))
+        if isinstance(problem.observation, ThrustAndMotion):
+            forces = LawForces.of(Coulomb(coulomb_force=1.0))
+            plain = FrictionFit(problem, forces, forces.start)
+            duration = min(record.displacement.size * record.sample_time for record in records)
+            rows = [replace(plain, problem=problem.with_lead(lead)).rows for lead in (HELD, EVEN)]
+            skipped, remarks = disturbed_start(rows, duration)
+            late = [np.arange(slide.size) * records[0].sample_time >= skipped for slide in known]
+            known = [slide & is_late for slide, is_late in zip(known, late, strict=True)]
+            problem = replace(problem, known=tuple(known), findings=(*problem.findings, *remarks))
+            problem = self._with_lead(problem, signals, lambda moved: FrictionFit(moved, forces, forces.start).error)
+        self._check_directions(problem)
+        fits = [fit_law(problem, model, self.max_iterations) for model in models]
+        for fit in fits:
+            _check_signs(fit)
+        if isinstance(problem.observation, ThrustAndMotion):
+            fits = [fit.beside_stroke_force() if fit.has_model_error else fit for fit in fits]
+        return fits
+
+    def _check_directions(self, problem: FrictionProblem) -> None:
+        """Raise RecordError unless the machine slides in both directions."""
+        velocity = np.concatenate([rows.velocity for rows in problem.rows])
+        least = problem.observation.min_rows // 2
+        count = min(int(np.sum(velocity > 0)), int(np.sum(velocity < 0)))
+        if count < least:
+            raise RecordError(
+                f"the machine slides in {count} {problem.observation.rows_name} in one direction; expected {least} or "
+                "more in both: record longer moves back and forth, or raise max_frequency"
+            )
+
+    def _presliding_fits(self, signals: Signals, records: tuple[FrictionRecord, ...]) -> list[FrictionFit]:
+        """Return the fits of laws with presliding, to all rows in which their state is known."""
+        is_rolling = [name == Rolling.name for name in self._names]
+        is_whole = not all(is_rolling) or any(not isinstance(start, ElementModel) for start in self.starts)
+        problem, remarks = self._grid_problem(records, MAX_SEARCH_SPAN), list[Finding | str]()
+        if is_whole and "viscous" not in problem.terms and problem.viscous is None:
             raise RecordError(
                 f"{self.name}: all sliding is at one speed, so the dependence of friction on the velocity is not "
                 "identifiable; record several speeds, or take the law rolling"
             )
-        starts = [self.start] if self.start is not None else self._law_starts(task, law)
-        trials = []
-        for start in starts:
-            shape = LawShape(LawNumbers(start))
-            trial, _ = search_shape(task, shape, shape.numbers.coordinates, min(TRIAL_STEPS, self.max_iterations))
-            trials.append(trial)
-        nearest = min(trials, key=lambda each: each.cost)
-        return _law_result(signals, fit_shape(task, nearest.forces, nearest.shape, self.max_iterations))
+        if not self.thresholds:
+            # a law as a whole shows a spring or a Stribeck effect itself: no remarks on their effect on the elements
+            end, remarks = curve_end(problem, spring_remarks=not is_whole)
+            problem = self._grid_problem(records, MAX_THRESHOLD_SPAN, end)
+        problem = self._with_lead(problem, signals, grid_error)
+        problem = replace(problem, findings=(*problem.findings, *remarks))
+        fits = [self._fit_by_name(problem, LAWS[name]) for name in self._names]
+        return fits + [self._fit_from(problem, start) for start in self.starts]
 
-    def _law_starts(self, task: IdentificationTask, law: type[FrictionModel]) -> list[FrictionModel]:
-        """Return models of the law with the force of the elements and several velocities."""
+    def _fit_from(self, problem: FrictionProblem, start: FrictionModel) -> FrictionFit:
+        """Return the fit of a law from a start; of elements with their thresholds, and dampers if they have any."""
+        if not isinstance(start, ElementModel):
+            return fit_law(problem, start, self.max_iterations)
+        stiffness, force = start.elements
+        springs = self._fit_elements(problem, Rolling(stiffness=stiffness, limit_force=force))
+        if not (self.fit_damping or start.damping):
+            return springs
+        # the springs come first: damping in their place leads to a wrong minimum
+        found = springs.model
+        assert isinstance(found, Rolling)
+        speed = max(float(np.abs(record.velocity()).max()) for record in problem.records)
+        least = START_DAMPING * springs.coulomb_force / speed / len(found.stiffness)
+        return self._fit_elements(problem, found.model_copy(update={"damping": (least,) * len(found.stiffness)}))
+
+    def _fit_by_name(self, problem: FrictionProblem, law: type[FrictionModel]) -> FrictionFit:
+        """Return the fit of a law without a start: that of elements on the grid, or one that begins with them."""
         is_of_elements = any("tuple" in str(info.annotation) for info in law.model_fields.values())
-        count = self.elements or (LAW_ELEMENTS if is_of_elements else 0)
-        found, _, _ = element_solution(task, count, bool(self.thresholds))
-        speeds = np.sort(np.abs(np.concatenate([record.velocity() for record in task.records])))
-        slow = _speed_quantile(speeds, 0.1)
-        elements = found.stiffness, found.limit_force
-        return [rough_model(law, elements, ratio * slow, self.fit_damping) for ratio in START_VELOCITY_RATIOS]
+        count = self.elements or (LAW_ELEMENTS if is_of_elements and law is not Rolling else 0)
+        grid = fit_elements(problem, count, bool(self.thresholds))
+        model = grid.model
+        assert isinstance(model, Rolling)
+        if law is Rolling:
+            return self._fit_from(problem, model) if self.back_propagation or self.fit_damping else grid
+        speeds = np.abs(np.concatenate([record.velocity() for record in problem.records]))
+        slow, elements = _speed_quantile(speeds, 0.1), (np.array(model.stiffness), np.array(model.limit_force))
+        models = [rough_model(law, elements, ratio * slow, self.fit_damping) for ratio in START_VELOCITY_RATIOS]
+        trials = [search_shape(problem, model, min(TRIAL_STEPS, self.max_iterations))[0] for model in models]
+        nearest = min(trials, key=lambda each: each.error)
+        if nearest.coefficients[-1] <= 0:
+            raise RecordError(
+                "friction_identification: the record shows no force of this law; check its sign (friction acts with "
+                "the velocity), its channel and the dead time, or take the law rolling"
+            )
+        return fit_law(problem, nearest.model, self.max_iterations)
 
-    def _task(
-        self, signals: Signals, max_threshold: float | None = None, span: float = MAX_THRESHOLD_SPAN
-    ) -> IdentificationTask:
-        """Return the identification task of the signals; RecordError if they do not suffice.
+    def _fit_elements(self, problem: FrictionProblem, start: Rolling) -> FrictionFit:
+        """Return the fit of elements, without those of negligible force, in the order of their thresholds."""
+        fit = fit_law(problem, start, self.max_iterations)
+        assert isinstance(fit.forces, LawForces)
+        forces, shape = fit.forces.sorted_elements(fit.shape, fit.sizes, NEGLIGIBLE_FORCE)
+        return replace(fit, forces=forces, shape=shape)
+
+    def _problem(
+        self,
+        records: tuple[FrictionRecord, ...],
+        speeds: NDArray[np.float64],
+        known: tuple[NDArray[np.bool_], ...],
+        thresholds: NDArray[np.float64],
+    ) -> FrictionProblem:
+        """Return the problem of records that slide at these speeds [m/s]."""
+        cycles = np.unique(np.concatenate([record.cycle for record in records]))
+        is_chosen = not self._is_sliding or len(self._names) + len(self.starts) > 1
+        held_out = cycles[HELD_OUT_STEP - 1 :: HELD_OUT_STEP] if is_chosen else cycles[:0]
+        terms, speed, remarks = self._terms(speeds)
+        return FrictionProblem(
+            records=records,
+            observation=self._observation(),
+            terms=terms,
+            known=known,
+            thresholds=thresholds,
+            viscous=self.viscous_coefficient,
+            resolution=self.resolution or quantisation_step(records),
+            held_out=held_out,
+            cycles=np.setdiff1d(cycles, held_out),
+            findings=tuple(remarks),
+            speed=speed,
+            is_sliding=self._is_sliding,
+        )
+
+    def _grid_problem(
+        self, records: tuple[FrictionRecord, ...], span: float, max_threshold: float | None = None
+    ) -> FrictionProblem:
+        """Return the problem of laws with presliding; RecordError if the motion does not suffice.
 
         Thresholds that the study does not give end at `max_threshold` [m], or at a part of the stroke, and begin at
         the `span`-th part of that.
         """
-        records = tuple(friction_records(signals, self.displacement, self.thrust or self.force, self.acceleration))
-        if not any(np.ptp(record.force) for record in records):
-            raise RecordError(f"'{self.thrust or self.force}' does not vary; expected the friction force")
-        resolution = self.resolution or quantisation_step(list(records))
-        thresholds = self._grid(records, resolution, max_threshold, span)
-        terms, speed, remarks = self._terms(records, float(thresholds.max()))
-        cycles = np.unique(np.concatenate([record.cycle for record in records]))
-        every = round(1 / self.holdout_fraction) if self.holdout_fraction else 0
-        held_out = cycles[every - 1 :: every] if every and cycles.size >= every else cycles[:0]
-        found = IdentificationTask(
-            records=records,
-            observation=self._observation(records[0].sample_time, zero_order_hold=True),
-            terms=terms,
-            thresholds=thresholds,
-            viscous=self.viscous_coefficient,
-            resolution=resolution,
-            held_out=held_out,
-            cycles=np.setdiff1d(cycles, held_out),
-            remarks=(*remarks, *_reversal_remarks(records, float(thresholds.min()))),
-            speed=speed,
-        )
-        return self._with_hold(found, signals) if self.thrust else found
+        thresholds = np.array(self.thresholds)
+        if not thresholds.size:
+            resolution = self.resolution or quantisation_step(records)
+            stroke = max(float(np.ptp(record.displacement)) for record in records)
+            widest = max_threshold or MAX_THRESHOLD_RATIO * stroke
+            narrowest = min(max(MIN_THRESHOLD_STEPS * resolution, widest / span), widest / 2)
+            thresholds = np.geomspace(narrowest, widest, GRID_SIZE)
+        widest = float(thresholds.max())
+        known = tuple(np.arange(record.displacement.size) >= record.first_known_sample(widest) for record in records)
+        speeds = np.concatenate([_sliding_speeds(record, widest) for record in records])
+        problem = self._problem(records, speeds, known, thresholds)
+        remarks = _reversal_remarks(records, float(thresholds.min()))
+        return replace(problem, findings=(*problem.findings, *remarks))
 
-    def _with_hold(self, task: IdentificationTask, signals: Signals) -> IdentificationTask:
-        """Return the task with a thrust that is held between samples, or not."""
-        tasks = {
-            zero_order_hold: replace(
-                task, observation=self._observation(task.records[0].sample_time, zero_order_hold=zero_order_hold)
-            )
-            for zero_order_hold in (True, False)
-        }
-        known = (
-            True if self.zero_order_hold is None and task.speed is not None else self.zero_order_hold
-        )  # at one speed a delay acts as mass
-        zero_order_hold, remarks = detect_zero_order_hold(
-            signals, known, lambda zero_order_hold: tasks[zero_order_hold].least_error
-        )
-        return replace(tasks[zero_order_hold], remarks=(*task.remarks, *remarks))
+    def _observation(self) -> Observation:
+        if self.constant_velocity:
+            return ConstantVelocityRuns()
+        if not self.thrust:
+            return MeasuredFriction()
+        lags = sum(self.input_time_constants) + sum(self.output_time_constants)  # each a delay, far below 1/τ
+        return ThrustAndMotion(self.max_frequency, self.input_dead_time + self.output_dead_time + lags)
 
-    def _observation(self, sample_time: float, *, zero_order_hold: bool) -> Observation:
-        # a lag is a delay far below 1/τ; without a hold the thrust arrives half a sample earlier
-        delay = (
-            self.input_dead_time
-            + self.output_dead_time
-            + sum(self.input_time_constants)
-            + sum(self.output_time_constants)
-        )
-        return Observation(bool(self.thrust), delay - (0.0 if zero_order_hold else sample_time / 2), self.max_frequency)
+    def _with_lead(
+        self, problem: FrictionProblem, signals: Signals, error: Callable[[FrictionProblem], float]
+    ) -> FrictionProblem:
+        """Return the problem with a thrust that is held between samples, or not, and what is not known of that.
 
-    def _grid(
-        self, records: Sequence[FrictionRecord], resolution: float, max_threshold: float | None, span: float
-    ) -> NDArray[np.float64]:
-        """Return the thresholds [m]: those given, or a grid up to `max_threshold`, limited by encoder and study."""
-        if self.thresholds:
-            return np.array(self.thresholds)
-        stroke = max(float(np.ptp(record.displacement)) for record in records)
-        widest = self.max_threshold or max_threshold or MAX_THRESHOLD_RATIO * stroke
-        min_threshold = self.min_threshold or min(max(MIN_THRESHOLD_STEPS * resolution, widest / span), widest / 2)
-        if min_threshold >= widest:
-            raise RecordError(
-                "the motion's stroke is ",
-                Quantity(stroke, "m"),
-                "; expected more than twice the smallest threshold, ",
-                Quantity(min_threshold, "m"),
-            )
-        return (
-            np.geomspace(min_threshold, widest, self.threshold_count)
-            if self.threshold_count > 1
-            else np.array([widest])
-        )
+        A simulated thrust is held. A measured one is held if it is a controller's output, not if it is that of a force
+        sensor; with fewer samples than the controller's it is neither. The root mean square `error` [N] of the model
+        decides, unless all sliding is at one speed, where a delay acts as mass.
+        """
+        if not isinstance(problem.observation, ThrustAndMotion) or signals.numerics or problem.speed is not None:
+            return problem if self.zero_order_hold is not False else problem.with_lead(EVEN)
+        held, middle, even = (error(problem.with_lead(lead)) for lead in (HELD, (HELD + EVEN) / 2, EVEN))
+        is_held, remarks = self.zero_order_hold is not False, list[Finding | str]()
+        if self.zero_order_hold is None and even < MAX_EVEN_ERROR_RATIO * held:
+            is_held = False
+            remarks = [
+                "the thrust is not held between samples, like that of a force sensor: this fits better; set "
+                "zero_order_hold if you know it"
+            ]
+        lead = _least_lead(held, middle, even)
+        if MIN_MIXED_LEAD < lead < EVEN - MIN_MIXED_LEAD and self._is_sliding:
+            remarks = [
+                "the thrust between samples is unknown: neither a hold (zero_order_hold) nor its absence fits, as in a "
+                "record with fewer samples than its controller; the intervals are widened: record every sample of the "
+                "controller"
+            ]
+        assumed = HELD if is_held else EVEN
+        return replace(problem.with_lead(assumed), lead_doubt=lead - assumed, findings=(*problem.findings, *remarks))
 
-    def _terms(
-        self, records: Sequence[FrictionRecord], max_threshold: float
-    ) -> tuple[tuple[str, ...], float | None, list[str]]:
-        """Return the terms that are fitted with the elements, the speed of all sliding if there is one, and remarks."""
-        terms = [name for name in SIGNED_TERMS if getattr(self, f"fit_{name}")] + (["mass"] if self.thrust else [])
-        speeds = np.concatenate([_sliding_speeds(record, max_threshold) for record in records])
+    def _terms(self, speeds: NDArray[np.float64]) -> tuple[tuple[str, ...], float | None, list[str]]:
+        """Return the terms beside the law, the speed of all sliding if there is one, and remarks."""
+        has_mass = bool(self.thrust) or self.constant_velocity
+        terms = ["offset", *(["asymmetry"] if self.fit_asymmetry else []), *(["mass"] if has_mass else [])]
         slow, fast = _speed_quantile(speeds, 0.1), _speed_quantile(speeds, 0.9)
         if fast > MIN_SPEED_RATIO * slow:
             return (*terms, *(["viscous"] if self.viscous_coefficient is None else [])), None, []
+        if self._is_sliding:
+            raise RecordError(
+                "all sliding is at one speed, ",
+                Quantity(fast, "m/s"),
+                "; expected several speeds, to separate viscous friction, Coulomb friction and the mass",
+            )
         effects, advice = [], "record several speeds"
         if self.viscous_coefficient is None:
             effects.append("the Coulomb force includes viscous friction")
@@ -369,100 +415,25 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         return tuple(terms), fast if speeds.size else None, remarks
 
 
-def _element_result(
-    signals: Signals,
-    task: IdentificationTask,
-    found: ReportedElements,
-    rows: Sequence[RegressionRows],
-    residuals: Sequence[NDArray[np.float64]],
-) -> Result:
-    """Return the result for elements with these residuals [N] of each record."""
-    deflection = found.coulomb[0] / float(found.stiffness.sum())
-    errors = task.errors(rows, residuals)
-    found, doubts = task.with_model_error(found, rows, errors)
-    remarks = [*task.remarks, *_resolution_remarks(task.resolution, deflection), *doubts]
-    return report(signals, found, rows, errors, (task.cycles.size, task.held_out.size), remarks)
-
-
-def _reported_elements(task: IdentificationTask, found: ShapedForces) -> ReportedElements:
-    """Return the elements of non-negligible force, by ascending threshold, and the terms, with their covariance."""
-    stiffness, count, terms = found.sizes, found.sizes.size, len(task.terms)
-    thresholds, relaxation = np.exp(found.shape[:count]), np.exp(found.shape[count:])
-    kept = np.argsort(thresholds)
-    kept = kept[(stiffness * thresholds)[kept] > NEGLIGIBLE_FORCE * float(stiffness @ thresholds)]
-    unit, first = np.eye(count)[kept], found.shape.size + terms
-    slopes = np.zeros((kept.size * (3 if relaxation.size else 2) + terms, found.covariance.shape[0]))
-    slopes[: kept.size, first:] = unit
-    slopes[kept.size : 2 * kept.size, :count] = unit * (stiffness * thresholds)
-    slopes[kept.size : 2 * kept.size, first:] = unit * thresholds
-    if relaxation.size:
-        slopes[2 * kept.size : 3 * kept.size, count : 2 * count] = unit * (stiffness * relaxation)
-        slopes[2 * kept.size : 3 * kept.size, first:] = unit * relaxation
-    slopes[len(slopes) - terms :, found.shape.size : first] = np.eye(terms)
-    covariance = slopes @ found.covariance @ slopes.T
-    values = dict(zip(task.terms, found.coefficients[:terms].tolist(), strict=True))
-    if task.viscous is not None:
-        values["viscous"] = task.viscous
-        covariance = np.pad(covariance, (0, 1))
-    damping = (stiffness * relaxation)[kept] if relaxation.size else np.empty(0)
-    return ReportedElements(stiffness[kept], (stiffness * thresholds)[kept], damping, values, covariance)
-
-
-def _law_result(signals: Signals, found: ShapedForces) -> Result:
-    """Return the result for a law that was fitted as a whole."""
-    task, forces = found.task, found.forces
-    assert isinstance(forces, LawShape)
-    numbers, terms, scale = forces.numbers, found.coefficients[: len(task.terms)], float(found.sizes[0])
-    if scale <= 0:
+def _check_signs(fit: FrictionFit) -> None:
+    """Raise RecordError for a mass or a Coulomb force that is negative."""
+    force, mass = fit.coulomb_force, fit.term("mass")
+    if force <= 0 or (mass < 0 and isinstance(fit.problem.observation, ThrustAndMotion)):
         raise RecordError(
-            "friction_identification: the record shows no force of this law; check its sign (friction acts with the "
-            "velocity), its channel and the dead time, or take the law rolling"
+            "the mass is ",
+            Quantity(mass, "kg"),
+            " and the Coulomb force ",
+            Quantity(force, "N"),
+            "; expected both above 0: check signs and gains of the channels, the dead times and max_frequency",
         )
-    own = numbers.values(found.shape, scale)
-    slopes = np.zeros((own.size + terms.size, found.shape.size + terms.size + 1))
-    for place, row in enumerate(DIFFERENCE_STEP * np.eye(found.shape.size)):
-        slopes[: own.size, place] = (numbers.values(found.shape + row, scale) - own) / DIFFERENCE_STEP
-    slopes[: own.size, -1] = (
-        (numbers.values(found.shape, scale * (1 + DIFFERENCE_STEP)) - own) / DIFFERENCE_STEP / scale
-    )
-    slopes[own.size :, found.shape.size : -1] = np.eye(terms.size)
-    names, values = [each.name for each in numbers.numbers] + list(task.terms), np.concatenate([own, terms])
-    units = [each.unit for each in numbers.numbers] + [UNITS[term] for term in task.terms]
-    coulomb = float(values[names.index("coulomb_force")]) if "coulomb_force" in names else numbers.force(scale)
-    mass = float(values[names.index("mass")]) if "mass" in names else 0.0
-    errors = task.errors(found.rows, found.residuals)
-    covariance = slopes @ found.covariance @ slopes.T
-    covariance *= task.inflation(found.rows, errors, coulomb, mass, values.size)
-    deviations = np.sqrt(np.diag(covariance))
-    metrics = [Metric("rms error, fitted cycles", errors.fitted, "N")]
-    if np.isfinite(errors.held_out):
-        metrics.append(Metric("rms error, held-out cycles", errors.held_out, "N"))
-    for name, value, unit, deviation in zip(names, values.tolist(), units, deviations.tolist(), strict=True):
-        title = TITLES.get(name, name.replace("_", " "))
-        metrics += [Metric(title, value, unit), Metric(f"{title}, 95 %", NORMAL_QUANTILE * deviation, unit)]
-    loose = [
-        name for name, value, std in zip(names, values, deviations, strict=True)
-        if name not in SIGNED_TERMS and not std < MAX_RELATIVE_STD * abs(value)
-    ]  # fmt: skip
-    found_remarks: list[Finding | str] = [*task.remarks]
-    if loose:
-        remedy = "vary the speed from presliding to sliding"
-        found_remarks.append(Finding("not identifiable", place=", ".join(loose), remedy=remedy))
-    found_remarks += model_error_remarks(coulomb, errors.worst, task.noise(mass))
-    inside = [place for place, name in enumerate(names) if name not in (*SIGNED_TERMS, "mass")]
-    viscous = task.viscous if task.viscous is not None else float(values[names.index("viscous")])
-    fit = Fit(
-        "friction",
-        numbers.model(found.shape, scale, viscous).spec(),
-        tuple("viscous_coefficient" if names[place] == "viscous" else names[place] for place in inside),
-        tuple(units[place] for place in inside),
-        values[inside],
-        covariance[np.ix_(inside, inside)],
-    )
-    curves: tuple[Curve, ...] = (force_curve(found.rows, errors),)
-    outcome = outcome_of_fit(signals.outcome, coulomb, errors.worst)
-    result = Result(outcome, signals.findings, metrics=tuple(metrics), curves=curves, fits=(fit,))
-    return result.with_findings(*found_remarks)
+
+
+def _least_lead(held: float, middle: float, even: float) -> float:
+    """Return the lead of the thrust between that of a held one and another one, by the parabola of squared errors."""
+    first, half, last = held**2, middle**2, even**2
+    curvature = first - 2 * half + last
+    fraction = np.clip((3 * first - 4 * half + last) / (4 * curvature), 0, 1) if curvature > 0 else 0.5
+    return float(HELD + fraction * (EVEN - HELD))
 
 
 def _sliding_speeds(record: FrictionRecord, max_threshold: float) -> NDArray[np.float64]:
@@ -489,11 +460,3 @@ def _reversal_remarks(records: Sequence[FrictionRecord], min_threshold: float) -
     if count >= MIN_REVERSALS:
         return []
     return [f"the motion has {count} reversals, too few to separate friction from other forces; record several cycles"]
-
-
-def _resolution_remarks(resolution: float, deflection: float) -> list[Finding]:
-    """Return a remark if the encoder is too coarse for a presliding deflection [m]."""
-    if resolution * MIN_DEFLECTION_STEPS <= deflection:
-        return []
-    steps = Quantity(resolution, "m", "encoder step"), Quantity(deflection, "m", "presliding deflection")
-    return [Finding("not identifiable", steps, place="stiffness", remedy="use a finer encoder")]

@@ -20,10 +20,10 @@ from fraexp_plugins.identification.plant._modal_solver import whiteness
 from fraexp_plugins.identification.whole_record._fitted_records import Fitted
 from fraexp_plugins.identification.whole_record._free_parameters import DEAD_TIME, SCALES
 from fraexp_plugins.identification.whole_record._joint_fit import NOISE, NoiseLevel
-from fraexp_plugins.identification.whole_record._staged_fit import MAX_MEAN_RATIO
 
-MAX_RATIO, MAX_RATIO_STDS = 1.1, 4.0
-"""Residual over what noise and rounding explain from which a record is not repeated, and scatter allowed above it."""
+MAX_RATIO, MAX_MEAN_RATIO, MAX_RATIO_STDS = 1.1, 1.05, 4.0
+"""Residual over what noise and rounding explain from which a record is not repeated, geometric mean up to which all
+are, and scatter allowed above both."""
 RATIO_STD = 0.7
 """Standard deviation of the ratio of one sample with Gaussian noise; it falls with the root of their number."""
 MIN_DITHER_RATIO, MIN_WHITE_SAMPLES = 0.5, 40

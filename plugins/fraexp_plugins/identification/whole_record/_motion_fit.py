@@ -27,7 +27,8 @@ from fraexp_plugins.identification.whole_record._free_parameters import (
     Models,
     nonzero_numbers,
 )
-from fraexp_plugins.identification.whole_record._staged_fit import ObservedStart, ScaleSearch, StagedFit
+from fraexp_plugins.identification.whole_record._machine_problem import MachineProblem
+from fraexp_plugins.identification.whole_record._observed_response import ObservedStart, ScaleSearch
 from fraexp_plugins.plants.modal import Modal
 
 FORCE_RATIO, FORCE_RANGE = 0.55, 5.5
@@ -40,6 +41,10 @@ STATIC_RATIO, STRIBECK_RATIO, VISCOUS_RATIO = 1.2, 0.1, 0.05
 """Static over Coulomb force, Stribeck over largest velocity, and viscous over Coulomb force at that velocity."""
 DAMPING_TIME_S = 5e-4
 """Bristle damping over stiffness [s]."""
+
+
+ROUGH_LAWS = (Rolling.name, Dahl.name, LuGre.name)
+"""Laws that are replayed in lanes, and begin with what an observer tells."""
 
 
 class RoughFriction(NamedTuple):
@@ -65,17 +70,17 @@ class RoughFriction(NamedTuple):
         """Viscous coefficient [N s/m] that is tried first."""
         return VISCOUS_RATIO * self.force / self.velocity
 
-    def models(self) -> list[FrictionModel]:
-        """Return a model of each law that is replayed in lanes."""
+    def model(self, law: str) -> FrictionModel:
+        """Return a model of one of `ROUGH_LAWS`."""
         stiffness = self.force / self.width
         common = {"coulomb_force": self.force, "viscous_coefficient": self.viscous}
+        if law == Rolling.name:
+            return self.rolling()
+        if law == Dahl.name:
+            return Dahl.parse({"stiffness": stiffness, **common}, law)
         stribeck = {"static_force": STATIC_RATIO * self.force, "stribeck_velocity": STRIBECK_RATIO * self.velocity}
         bristles = {"bristle_stiffness": stiffness, "bristle_damping": DAMPING_TIME_S * stiffness}
-        return [
-            self.rolling(),
-            Dahl.parse({"stiffness": stiffness, **common}, "dahl"),
-            LuGre.parse({**bristles, **common, **stribeck}, "lugre"),
-        ]
+        return LuGre.parse({**bristles, **common, **stribeck}, law)
 
 
 def rough_friction(signals: Signals, observer: EffectiveInput) -> RoughFriction:
@@ -258,19 +263,27 @@ class _Search:
         return np.stack(columns, axis=1)
 
 
-def fit_along_motion(staged: StagedFit) -> MotionFit:
-    """Return plant and friction with which a law explains the measured motion best."""
-    observer = staged.observer_at(np.zeros(len(staged.free.names)))
-    records = MotionRecords(staged.signals.segments, observer)
+def fits_along_motion(problem: MachineProblem) -> list[MotionFit]:
+    """Return plant and friction with which a law explains the measured motion, from the best starts, the best first."""
+    observer = problem.observer_at(np.zeros(len(problem.free.names)))
+    records = MotionRecords(problem.signals.segments, observer)
     found: list[MotionFit] = []
-    for start in staged.starts()[:MAX_STARTS]:
-        found.append(_fit_from(staged, records, start))
+    for start in _starts(problem, observer)[:MAX_STARTS]:
+        found.append(_fit_from(problem, records, start))
         if found[-1].residual < EXPLAINED:
             break
-    return min(found, key=lambda each: each.residual)
+    return sorted(found, key=lambda each: each.residual)
 
 
-def _fit_from(staged: StagedFit, records: MotionRecords, start: NDArray[np.float64]) -> MotionFit:
+def _starts(problem: MachineProblem, observer: EffectiveInput) -> list[NDArray[np.float64]]:
+    """Return the logarithms of the free parameters at which a fit may begin, the most plausible first."""
+    if not set(SCALES) & set(problem.free.friction):
+        return [np.zeros(len(problem.free.names))]
+    search = ScaleSearch(problem.signals.segments, observer, problem.free.friction)
+    return [problem.free.from_scales(scales) for scales in search.starts()]
+
+
+def _fit_from(problem: MachineProblem, records: MotionRecords, start: NDArray[np.float64]) -> MotionFit:
     """Return the best fit from a start of friction's parameters.
 
     A plant is looked for in the observer's response with the friction found before: it shows more and more modes.
@@ -279,10 +292,10 @@ def _fit_from(staged: StagedFit, records: MotionRecords, start: NDArray[np.float
     for _ in range(MAX_ROUNDS):
         logs = start if best is None else best.shared[: start.size]
         found = []
-        for with_delay, plant in _plants(staged, logs, best):
-            names = () if staged.nominal_plant is not None else nonzero_numbers(plant)
-            models = staged.fit_around(plant).start
-            search = _Search(records, FreeParameters(staged.free.friction, names), models, start)
+        for with_delay, plant in _plants(problem, logs, best):
+            names = () if problem.nominal_plant is not None else nonzero_numbers(plant)
+            models = problem.fit_around(plant).start
+            search = _Search(records, FreeParameters(problem.free.friction, names), models, start)
             place = search.minimum(np.concatenate([with_delay, np.zeros(len(names))]))
             found.append(MotionFit(plant, place, float(np.mean(search.residual(place) ** 2))))
         better = min(found, key=lambda each: each.residual, default=best)
@@ -294,22 +307,22 @@ def _fit_from(staged: StagedFit, records: MotionRecords, start: NDArray[np.float
 
 
 def _plants(
-    staged: StagedFit, logs: NDArray[np.float64], best: MotionFit | None
+    problem: MachineProblem, logs: NDArray[np.float64], best: MotionFit | None
 ) -> Iterator[tuple[NDArray[np.float64], Plant]]:
     """Yield friction's parameters, with the dead time if it is free, and plants in the observer's response.
 
     They have as many modes as it shows, and one more than before.
     """
-    if staged.nominal_plant is not None:
-        yield from [(logs, staged.nominal_plant)] if best is None else []
+    if problem.nominal_plant is not None:
+        yield from [(logs, problem.nominal_plant)] if best is None else []
         return
-    observer = staged.observer_at(logs)
-    observed = ObservedStart.of(observer, staged.signals)
+    observer = problem.observer_at(logs)
+    observed = ObservedStart.of(observer, problem.signals)
     before = len(best.plant.frequencies) if best is not None and isinstance(best.plant, Modal) else 0
     error = FRICTION_ERRORS[best is not None]
     known: list[Plant] = []
-    for modes in (staged.modes,) if staged.modes is not None else (None, before + 1):
-        plant, delay = observed.plant(staged.signals, observer, modes, error, DEAD_TIME in staged.free.friction)
+    for modes in (problem.modes,) if problem.modes is not None else (None, before + 1):
+        plant, delay = observed.plant(problem.signals, observer, modes, error, DEAD_TIME in problem.free.friction)
         if plant not in known and len(plant.frequencies) >= before:
             known.append(plant)
-            yield staged.free.with_dead_time(logs, delay, staged.sample_time), plant
+            yield problem.free.with_dead_time(logs, delay, problem.sample_time), plant

@@ -167,8 +167,8 @@ class ExcitationDesign(Estimator, name="excitation_design", version=4):
                 f"excitation_design: the preliminary machine diverges in its loop ({signals.message}): lower the "
                 "amplitudes, or correct controller and loop"
             )
-        method = self.method.model_copy(update={"friction": known.friction, "input_dead_time": known.dead_time})
-        fit = method.staged_fit(signals, known.noise, known.free.friction).fit_around(known.plant)
+        method = self.method.model_copy(update={"input_dead_time": known.dead_time})
+        fit = method.problem(signals, known.noise, known.friction).fit_around(known.plant)
         return planned_records(replace(fit, free=known.free), sines.amplitudes)
 
     def _with_plans(self, found: Result, search: PlanSearch, uniform: Plan, designed: Plan) -> Result:

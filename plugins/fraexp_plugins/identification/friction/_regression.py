@@ -1,6 +1,5 @@
-"""The rows of records in which a machine slides, and their least squares, beside an unknown force along the stroke."""
+"""Least squares of rows: constrained, compressed, beside an unknown force along the stroke, and their covariance."""
 
-import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
@@ -8,10 +7,110 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Fit
-from fraexp_plugins.friction.coulomb import Coulomb
+from fraexp.api import RecordError
 from fraexp_plugins.identification.friction._friction_record import FrictionRecord
-from fraexp_plugins.identification.friction._friction_regression import pseudo_inverse
+
+MIN_SINGULAR_VALUE = 1e-6
+"""Singular value, relative to the largest, below which columns are linearly dependent."""
+LAG_WINDOW = 5.0
+"""Lags, in correlation times, over which a residual's autocorrelation is summed (A. D. Sokal, 1997)."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of a regression that a record gives: columns, left-hand side, and their place in the record."""
+
+    columns: NDArray[np.float64]
+    """Shape (rows, p): those of either sign first, then forces that are not negative."""
+    force: NDArray[np.float64]
+    """Shape (rows,) [N]."""
+    velocity: NDArray[np.float64]
+    """Shape (rows,) [m/s]."""
+    cycle: NDArray[np.int64]
+    """Shape (rows,)."""
+    time: NDArray[np.float64]
+    """Time of the middle of each row [s], shape (rows,)."""
+    place: NDArray[np.int64]
+    """Place among all rows of the record, shape (rows,)."""
+
+    def select(self, chosen: NDArray[np.bool_]) -> "Rows":
+        """Return some of the rows."""
+        return replace(self, **{each.name: getattr(self, each.name)[chosen] for each in fields(self)})
+
+
+class CompressedRows:
+    """The rows of some cycles, compressed by orthogonal transformations: small, with the same condition number."""
+
+    def __init__(self, rows: Sequence[Rows], free: int, cycles: NDArray[np.int64]) -> None:
+        self.free = free
+        parts, self.count = [], 0
+        for each in rows:
+            chosen = np.isin(each.cycle, cycles)
+            self.count += int(chosen.sum())
+            parts.append(np.linalg.qr(np.column_stack([each.columns[chosen], each.force[chosen]]), mode="r"))
+        self.triangle = np.asarray(np.linalg.qr(np.concatenate(parts), mode="r"))
+        self.size = self.triangle.shape[1] - 1
+
+    def solve(self, used: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return the coefficients, shape (p,), of least squared error: those not `used` are 0, those not free ≥ 0.
+
+        Coefficients of either sign come first, so the rows below theirs do not depend on them. C. L. Lawson and
+        R. J. Hanson, Solving Least Squares Problems, 1974, ch. 23.
+        """
+        from scipy.optimize import nnls
+
+        places = np.flatnonzero(used)
+        free = int(np.sum(places < self.free))
+        scale = np.sqrt(np.add.reduce(self.triangle[:, places] ** 2, axis=0))
+        scale[scale == 0] = 1.0
+        both = np.column_stack([self.triangle[:, places] / scale, self.triangle[:, -1]])
+        small = np.asarray(np.linalg.qr(both, mode="r"))
+        try:
+            positive, _ = nnls(small[free:, free:-1], small[free:, -1], maxiter=100 * (places.size + 1))
+        except RuntimeError:
+            raise RecordError(
+                "the non-negative least squares did not converge; use fewer thresholds, or a wider range of them"
+            ) from None
+        either = np.linalg.solve(small[:free, :free], small[:free, -1] - small[:free, free:-1] @ positive)
+        found = np.zeros(self.size)
+        found[places] = np.concatenate([either, positive]) / scale
+        return found
+
+    def mean_square(self, coefficients: NDArray[np.float64]) -> float:
+        """Return the mean squared error [N²] of these coefficients."""
+        error = self.triangle[:, :-1] @ coefficients - self.triangle[:, -1]
+        return float(np.add.reduce(error**2)) / max(self.count, 1)
+
+
+def pseudo_inverse(columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a root of (AᵀA)⁻¹, shape (p, p), without directions in which columns are linearly dependent."""
+    return np.asarray(np.linalg.pinv(np.asarray(np.linalg.qr(columns, mode="r")), rcond=MIN_SINGULAR_VALUE))
+
+
+def long_run_variance(residuals: Sequence[NDArray[np.float64]], parameters: float) -> float:
+    """Return the variance of the residuals [N²] times their correlation time in samples, for slowly varying columns."""
+    count = sum(each.size for each in residuals)
+    squared = sum(float(np.add.reduce(each**2)) for each in residuals)
+    if not squared:
+        return 0.0
+    size = 2 * max(each.size for each in residuals)
+    total = np.zeros(size // 2)
+    for each in residuals:
+        correlation = np.fft.irfft(np.abs(np.fft.rfft(each, size)) ** 2, size)[: each.size]
+        total[: each.size] += correlation
+    time = 2 * np.cumsum(total / squared) - 1
+    enough = np.flatnonzero(np.arange(time.size) >= LAG_WINDOW * time)
+    return squared / max(count - parameters, 1) * max(float(time[enough[0]]) if enough.size else 1.0, 1.0)
+
+
+def misfit_variance(count: int, parameters: int, error: float) -> float:
+    """Return the variance [N²] of `count` rows whose root mean square `error` [N] is an error of the model.
+
+    Such an error does not average out: as much of it may be in the parameters as in the residuals, so that the rows
+    count as one for each parameter.
+    """
+    return error**2 * count / max(parameters, 1)
+
 
 WAVES = 64
 """Waves of the force along the stroke, the shortest one a sixty-fourth of it."""
@@ -144,102 +243,8 @@ def _updated(solution: _Solution, ratio: NDArray[np.float64], octaves: NDArray[n
     return np.maximum(energy / np.maximum(known, MIN_VARIANCE_RATIO), MIN_VARIANCE_RATIO)
 
 
-MIN_ROWS = 40
-"""Rows needed in each direction."""
-START_FRACTIONS = 0.0, 1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4
-"""Parts of a record between which its start may end; the rest of it is fitted."""
-MIN_START_RATIO, MIN_NEXT_RATIO = 4.0, 2.0
-"""Residual in a part over that in the rest, root mean squares, from which the start is disturbed, and a next part."""
-MIN_START_ERROR = 1e-3
-"""Residual in the start over the thrust, root mean squares, up to which it may be rounding."""
-MIN_START_ROWS = 5
-"""Rows of a start of which the residual tells something."""
-
-
-@dataclass(frozen=True)
-class SlidingRows:
-    """The rows of a record in which the machine slides."""
-
-    columns: NDArray[np.float64]
-    """Shape (rows, p)."""
-    force: NDArray[np.float64]
-    """Shape (rows,) [N]."""
-    velocity: NDArray[np.float64]
-    """Shape (rows,) [m/s]."""
-    time: NDArray[np.float64]
-    """Time from the record's begin to the first sample that a row contains [s], shape (rows,)."""
-    row: NDArray[np.int64]
-    """Number of the row among all rows of the record, shape (rows,)."""
-
-    def select(self, chosen: NDArray[np.bool_]) -> "SlidingRows":
-        """Return some of the rows."""
-        return replace(self, **{each.name: getattr(self, each.name)[chosen] for each in fields(self)})
-
-
-class DisturbedStart(NamedTuple):
-    """The beginning of the records that is left out."""
-
-    duration: float
-    """Its duration [s]."""
-    remark: str
-
-
-def least_squares(
-    columns: NDArray[np.float64], force: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the coefficients of the columns, shape (p,), and (AᵀA)⁻¹, shape (p, p)."""
+def least_squares(columns: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the coefficients of the columns, shape (p,)."""
     scale = np.sqrt(np.add.reduce(columns**2, axis=0) / len(columns))
     root = pseudo_inverse(columns / scale)
-    return root @ (root.T @ ((columns / scale).T @ force)) / scale, (root @ root.T) / np.outer(scale, scale)
-
-
-def rows_after(found: Sequence[SlidingRows], time: float) -> list[SlidingRows]:
-    """Return the rows that contain no sample before a time [s]."""
-    return [each.select(each.time >= time) for each in found]
-
-
-def disturbed_start(assumptions: Sequence[Sequence[SlidingRows]], duration: float) -> DisturbedStart:
-    """Return the beginning of the records that the model of the rest does not explain; 0 s if it explains all.
-
-    After a jump of the reference, a transient of the drive or of a mode, the beginning differs from the rest. The rows
-    come once for each of several assumptions on the thrust, of which the one counts that fits better. One part more is
-    left out than differs clearly, because such a transient decays.
-    """
-    limits = duration * np.array(START_FRACTIONS)
-    rest, ratios = min((_start_ratios(rows, limits) for rows in assumptions), key=lambda found: found[0])
-    if not np.isfinite(rest) or max(ratios) < MIN_START_RATIO:
-        return DisturbedStart(0.0, "")
-    last = int(np.flatnonzero(np.array(ratios) > MIN_NEXT_RATIO)[-1])
-    end = float(limits[min(last + 2, limits.size - 1)])
-    return DisturbedStart(
-        end,
-        f"the first {end:.3g} s are left out, because their error is up to {max(ratios):.2g} times that of the rest, "
-        "as after a jump of the reference; to choose that time yourself set skip_time in [record] (--skip-time)",
-    )
-
-
-def _start_ratios(found: Sequence[SlidingRows], limits: NDArray[np.float64]) -> tuple[float, list[float]]:
-    """Return the root mean square residual [N] after the last limit [s], and those between the limits over it."""
-    rest = rows_after(found, float(limits[-1]))
-    columns, force = np.concatenate([f.columns for f in rest]), np.concatenate([f.force for f in rest])
-    if min(np.sum(columns[:, 1] > 0), np.sum(columns[:, 1] < 0)) < MIN_ROWS:
-        return np.inf, [0.0]
-    values, _ = least_squares(columns, force)
-    error = _root_mean_square(force - columns @ values)
-    time = np.concatenate([f.time for f in found])
-    residual = np.concatenate([f.force - f.columns @ values for f in found])
-    parts = [residual[(time >= low) & (time < high)] for low, high in itertools.pairwise(limits)]
-    sizes = [_root_mean_square(part) if part.size >= MIN_START_ROWS else 0.0 for part in parts]
-    least = MIN_START_ERROR * _root_mean_square(force)
-    return error, [size / error if size > least and error else 0.0 for size in sizes]
-
-
-def _root_mean_square(values: NDArray[np.float64]) -> float:
-    return float(np.sqrt(np.add.reduce(values**2) / values.size))
-
-
-def coulomb_fit(values: NDArray[np.float64], covariance: NDArray[np.float64]) -> Fit:
-    """Return Coulomb friction with the second value, a force [N], and the third, a coefficient [N s/m]."""
-    model = Coulomb(coulomb_force=float(values[1]), viscous_coefficient=max(float(values[2]), 0.0))
-    names, units = ("coulomb_force", "viscous_coefficient"), ("N", "N s/m")
-    return Fit("friction", model.spec(), names, units, values[1:3], covariance[1:3, 1:3])
+    return np.asarray(root @ (root.T @ ((columns / scale).T @ force)) / scale)

@@ -1,0 +1,471 @@
+"""The fit of a law's forces beside the terms: their sizes by least squares, their shape by derivative steps."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fraexp.api import FrictionModel, Motion, ParameterError, RecordError
+from fraexp_plugins.friction._shared.element_model import ElementModel
+from fraexp_plugins.friction.rolling import Rolling
+from fraexp_plugins.identification._shared.law_numbers import LawNumbers
+from fraexp_plugins.identification.friction._friction_problem import TERM_UNITS, FrictionProblem
+from fraexp_plugins.identification.friction._friction_record import FrictionRecord
+from fraexp_plugins.identification.friction._regression import (
+    Rows,
+    Waves,
+    long_run_variance,
+    misfit_variance,
+    pseudo_inverse,
+    regress,
+)
+
+DIFFERENCE_STEP = 1e-5
+"""Step over which differences are taken: of coordinates, and of sizes relatively."""
+COST_TOLERANCE, STEP_TOLERANCE = 1e-8, 1e-10
+"""Relative change of the squared error, and of the coordinates, with which a search ends."""
+MAX_ERROR, MAX_UNEXPLAINED_ERROR = 0.1, 0.03
+"""Errors over the Coulomb force above which the model is wrong: in any case, and if noise does not explain it."""
+MAX_NOISE_RATIO = 3.0
+"""Error over that by the channels' noise up to which noise explains it."""
+MAX_REMAINING_RATIO = 0.7
+"""Error with a force along the stroke over the one without, up to which that force is fitted."""
+INTERVAL = 0.95
+
+
+class IdentifiedNumber(NamedTuple):
+    """A number of a law or a term that was identified."""
+
+    name: str
+    unit: str
+    value: float
+
+
+class Forces(ABC):
+    """Forces per unit of their sizes, along a record, for the coordinates of a shape."""
+
+    @abstractmethod
+    def columns(self, record: FrictionRecord, shape: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return each force [N] per unit of its size, shape (n, N)."""
+
+    @abstractmethod
+    def slopes(
+        self, record: FrictionRecord, shape: NDArray[np.float64], sizes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the derivative of the force with these sizes by the shape, shape (n, q)."""
+
+    @abstractmethod
+    def numbers(self, shape: NDArray[np.float64], sizes: NDArray[np.float64]) -> list[IdentifiedNumber]:
+        """Return the law's numbers."""
+
+    @abstractmethod
+    def model(self, shape: NDArray[np.float64], sizes: NDArray[np.float64], viscous: float) -> FrictionModel:
+        """Return the law with these numbers."""
+
+
+@dataclass(frozen=True)
+class GridElements(Forces):
+    """Elements with thresholds of a grid; the coordinates are stiffnesses at their neighbours, which are 0.
+
+    An error of an element's threshold appears as stiffness at its neighbours, and counts as that of the element.
+    """
+
+    thresholds: NDArray[np.float64]
+    """Y_i [m], shape (N,)."""
+    neighbours: NDArray[np.float64]
+    """Thresholds beside them [m], shape (q,)."""
+
+    def columns(self, record: FrictionRecord, shape: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the deflection of each element [m], shape (n, N)."""
+        return record.deflections(self.thresholds)
+
+    def slopes(
+        self, record: FrictionRecord, shape: NDArray[np.float64], sizes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the deflections of the neighbours [m], shape (n, q)."""
+        return record.deflections(self.neighbours)
+
+    def numbers(self, shape: NDArray[np.float64], sizes: NDArray[np.float64]) -> list[IdentifiedNumber]:
+        """Return stiffnesses and limit forces."""
+        nearest = np.argmin(np.abs(np.log(self.neighbours / self.thresholds[:, None])), axis=0)
+        count = self.thresholds.size
+        stiffness = sizes + np.bincount(nearest, shape, count)
+        force = sizes * self.thresholds + np.bincount(nearest, shape * self.neighbours, count)
+        return [
+            IdentifiedNumber(f"stiffness.{place}", "N/m", value) for place, value in enumerate(stiffness.tolist())
+        ] + [IdentifiedNumber(f"limit_force.{place}", "N", value) for place, value in enumerate(force.tolist())]
+
+    def model(self, shape: NDArray[np.float64], sizes: NDArray[np.float64], viscous: float) -> FrictionModel:
+        """Return rolling elements."""
+        return _elements(self.numbers(shape, sizes), viscous)
+
+
+def _elements(numbers: Sequence[IdentifiedNumber], viscous: float) -> Rolling:
+    """Return rolling elements with these numbers."""
+    lists: dict[str, list[float]] = {}
+    for number in numbers:
+        lists.setdefault(number.name.partition(".")[0], []).append(number.value)
+    return Rolling(**{name: tuple(values) for name, values in lists.items()}, viscous_coefficient=viscous)
+
+
+@dataclass(frozen=True)
+class LawForces(Forces):
+    """The force of a law, whichever it is, that the measured motion drives; the size is a factor on it.
+
+    Rolling elements, whose forces add up, are a part each with a size of its own. The sensitivities go through the
+    whole record, forward in time, which is exact and equal to back-propagation (R. J. Williams and D. Zipser, Neural
+    Computation 1(2), 1989, doi:10.1162/neco.1989.1.2.270).
+    """
+
+    parts: tuple[LawNumbers, ...]
+    is_of_elements: bool = False
+    thresholds: tuple[float, float] = (0.0, np.inf)
+    """Least and largest threshold of an element [m]."""
+
+    @classmethod
+    def of(cls, model: FrictionModel, thresholds: tuple[float, float] = (0.0, np.inf)) -> "LawForces":
+        """Return the forces of a law, with the model's numbers as the start."""
+        if not isinstance(model, ElementModel):
+            return cls((LawNumbers(model),))
+        stiffness, force = (np.array(each) for each in model.elements)
+        damping = np.array(model.damping or np.empty((force.size, 0))).reshape(force.size, -1)
+        units = [
+            Rolling(stiffness=(k / limit,), limit_force=(1.0,), damping=tuple(each / limit))
+            for k, limit, each in zip(stiffness, force, damping, strict=True)
+        ]
+        return cls(tuple(LawNumbers(each, fixed=("limit_force",)) for each in units), True, thresholds)
+
+    @property
+    def start(self) -> NDArray[np.float64]:
+        """Coordinates of the start, shape (q,)."""
+        return np.concatenate([part.coordinates for part in self.parts])
+
+    def columns(self, record: FrictionRecord, shape: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the force of each part [N], shape (n, N); 0 for numbers that the law does not allow."""
+        pairs = zip(self.parts, self._split(shape), strict=True)
+        return np.column_stack([_force_along(part, own, record) for part, own in pairs])
+
+    def slopes(
+        self, record: FrictionRecord, shape: NDArray[np.float64], sizes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the derivative of the force by the coordinates, shape (n, q)."""
+        found = [np.empty((record.displacement.size, 0))]
+        for part, own, size in zip(self.parts, self._split(shape), sizes, strict=True):
+            here = _force_along(part, own, record)
+            moved = [_force_along(part, own + DIFFERENCE_STEP * row, record) for row in np.eye(own.size)]
+            found += [(size / DIFFERENCE_STEP * (each - here))[:, None] for each in moved]
+        return np.concatenate(found, axis=1)
+
+    def numbers(self, shape: NDArray[np.float64], sizes: NDArray[np.float64]) -> list[IdentifiedNumber]:
+        """Return the numbers of all parts, each of a list with its place among them."""
+        values = [part.values(*pair) for part, *pair in zip(self.parts, self._split(shape), sizes, strict=True)]
+        known = self.parts[0].numbers
+        if not self.is_of_elements:
+            return [
+                IdentifiedNumber(each.name, each.unit, value)
+                for each, value in zip(known, values[0].tolist(), strict=True)
+            ]
+        table = zip(known, np.array(values).T.tolist(), strict=True)
+        return [
+            IdentifiedNumber(f"{n.field}.{place}", n.unit, value) for n, row in table for place, value in enumerate(row)
+        ]
+
+    def model(self, shape: NDArray[np.float64], sizes: NDArray[np.float64], viscous: float) -> FrictionModel:
+        """Return the law with these numbers."""
+        if self.is_of_elements:
+            return _elements(self.numbers(shape, sizes), viscous)
+        return self.parts[0].model(shape, float(sizes[0]), viscous)
+
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the bounds of the coordinates, shape (q,) each: an element that never slips is a spring to ground."""
+        lower, upper = np.full((2, self.start.size), np.inf) * [[-1], [1]]
+        if self.is_of_elements:
+            every = self.start.size // len(self.parts)
+            lower[::every] = np.minimum(-np.log(self.thresholds[-1]), self.start[::every]) - 1e-9
+            upper[::every] = np.maximum(-np.log(self.thresholds[0]), self.start[::every]) + 1e-9
+        return lower, upper
+
+    def sorted_elements(
+        self, shape: NDArray[np.float64], sizes: NDArray[np.float64], least: float
+    ) -> tuple["LawForces", NDArray[np.float64]]:
+        """Return the elements of more than the `least` part of the force, by ascending threshold, and their shape."""
+        own = np.array(self._split(shape))
+        kept = [place for place in np.argsort(-own[:, 0]) if sizes[place] > least * sizes.sum()]
+        return replace(self, parts=tuple(self.parts[place] for place in kept)), own[kept].ravel()
+
+    def _split(self, shape: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        return np.split(shape, len(self.parts))
+
+
+def _force_along(part: LawNumbers, shape: NDArray[np.float64], record: FrictionRecord) -> NDArray[np.float64]:
+    """Return a law's force [N] along a record, from its state before the record, shape (n,)."""
+    motion = Motion(record.displacement, record.sample_time, False, record.before, record.sample_time)
+    try:
+        return part.model(shape).forces([motion])[0]
+    except ParameterError:
+        return np.zeros(record.displacement.size)
+
+
+class StrokeForce(NamedTuple):
+    """A force along the stroke that is fitted beside terms and law."""
+
+    change: NDArray[np.float64]
+    """Change of shape and coefficients by it, shape (q + p,)."""
+    inverse: NDArray[np.float64]
+    """Their covariance over the variance of a row, shape (q + p, q + p)."""
+    forces: list[NDArray[np.float64]]
+    """The force in the rows of each record [N]."""
+    waves: float
+    """Number of waves that the rows determine."""
+
+
+@dataclass(frozen=True)
+class FrictionFit:
+    """A law's forces of one shape beside the terms of a problem, with the sizes of least squared error."""
+
+    problem: FrictionProblem
+    forces: Forces
+    shape: NDArray[np.float64]
+    stroke: StrokeForce | None = None
+
+    @cached_property
+    def rows(self) -> list[Rows]:
+        """Terms, then the forces, in each record."""
+        return self.problem.rows_with([self.forces.columns(record, self.shape) for record in self.problem.records])
+
+    @cached_property
+    def coefficients(self) -> NDArray[np.float64]:
+        """Those of the terms, then the sizes, shape (p,)."""
+        compressed = self.problem.compress(self.rows, self.problem.cycles)
+        return compressed.solve(np.ones(self.rows[0].columns.shape[1], dtype=bool))
+
+    @property
+    def sizes(self) -> NDArray[np.float64]:
+        """Sizes of the forces, shape (N,)."""
+        return self.coefficients[len(self.problem.terms) :]
+
+    @cached_property
+    def point(self) -> NDArray[np.float64]:
+        """Shape and coefficients, with a force along the stroke if there is one, shape (q + p,)."""
+        plain = np.concatenate([self.shape, self.coefficients])
+        return plain if self.stroke is None else plain + self.stroke.change
+
+    @cached_property
+    def residuals(self) -> list[NDArray[np.float64]]:
+        """Measured less modelled force in the rows of each record [N]."""
+        found = [each.force - each.columns @ self.coefficients for each in self.rows]
+        if self.stroke is None:
+            return found
+        triples = zip(found, self.slopes, self.stroke.forces, strict=True)
+        return [residual - slope @ self.stroke.change - force for residual, slope, force in triples]
+
+    @property
+    def fitted_residuals(self) -> NDArray[np.float64]:
+        """Those of the fitted cycles of all records [N]."""
+        return np.concatenate(self.problem.fitted(self.residuals))
+
+    @cached_property
+    def error(self) -> float:
+        """Root mean square error over the cycles that are fitted [N]."""
+        return _root_mean_square(self.fitted_residuals)
+
+    @cached_property
+    def held_out_error(self) -> float:
+        """The same over the cycles that are held out; NaN if there are none."""
+        pairs = zip(self.residuals, self.rows, strict=True)
+        return _root_mean_square(np.concatenate([r[np.isin(rows.cycle, self.problem.held_out)] for r, rows in pairs]))
+
+    @property
+    def worst_error(self) -> float:
+        """The larger of both errors."""
+        return float(np.nanmax([self.error, self.held_out_error]))
+
+    @cached_property
+    def slopes(self) -> list[NDArray[np.float64]]:
+        """Derivatives of the modelled force by the shape, then by the coefficients, in the rows of each record."""
+        by_shape = [self.forces.slopes(record, self.shape, self.sizes) for record in self.problem.records]
+        pairs = zip(self.problem.forces_in_rows(by_shape), self.rows, strict=True)
+        return [np.hstack([each, rows.columns]) for each, rows in pairs]
+
+    @property
+    def projected_slopes(self) -> NDArray[np.float64]:
+        """Derivative of the residual by the shape, with the sizes of least squares at each shape (L. Kaufman, 1975)."""
+        jacobian = np.concatenate(self.problem.fitted(self.slopes))
+        slopes, columns = np.split(jacobian, [self.shape.size], axis=1)
+        used = columns[:, self.coefficients != 0]  # a size that stays at 0 does not follow the shape
+        scale = np.linalg.norm(used, axis=0)
+        basis, _ = np.linalg.qr(used / np.where(scale > 0, scale, 1.0))
+        return np.asarray(basis @ (basis.T @ slopes) - slopes)
+
+    def numbers_at(self, point: NDArray[np.float64]) -> list[IdentifiedNumber]:
+        """Return the law's numbers, then the terms, at a shape and coefficients."""
+        shape, terms, sizes = self._parts(point)
+        named = zip(self.problem.terms, terms.tolist(), strict=True)
+        return self.forces.numbers(shape, sizes) + [
+            IdentifiedNumber(name, TERM_UNITS[name], value) for name, value in named
+        ]
+
+    @cached_property
+    def numbers(self) -> list[IdentifiedNumber]:
+        """The law's numbers, then the terms."""
+        return self.numbers_at(self.point)
+
+    @cached_property
+    def model(self) -> FrictionModel:
+        """The friction model."""
+        shape, _, sizes = self._parts(self.point)
+        viscous = self.term("viscous") if self.problem.viscous is None else self.problem.viscous
+        return self.forces.model(shape, sizes, max(viscous, 0.0))
+
+    def _parts(self, point: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        return np.split(point, [self.shape.size, self.shape.size + len(self.problem.terms)])
+
+    def term(self, name: str) -> float:
+        """Return a term; 0 if it is not fitted."""
+        return next((each.value for each in self.numbers if each.name == name), 0.0)
+
+    @property
+    def coulomb_force(self) -> float:
+        """Force of gross sliding [N], by which errors are judged."""
+        forces = [each for each in self.numbers if each.unit == "N" and each.name != "offset"]
+        of_elements = [each.value for each in forces if each.name.startswith("limit_force")]
+        named = [each.value for each in forces if each.name == "coulomb_force"]
+        return sum(of_elements) or (named or [each.value for each in forces] or [0.0])[0]
+
+    @property
+    def noise(self) -> float:
+        """Error of a row [N] by noise of the channels."""
+        return self.problem.noise(self.term("mass"))
+
+    @property
+    def has_model_error(self) -> bool:
+        """Whether the error is too large for a right model."""
+        allowed = max(MAX_UNEXPLAINED_ERROR * self.coulomb_force, MAX_NOISE_RATIO * self.noise)
+        return self.worst_error > min(MAX_ERROR * self.coulomb_force, allowed)
+
+    @cached_property
+    def inverse(self) -> NDArray[np.float64]:
+        """Covariance of shape and coefficients over the variance of a row, shape (q + p, q + p)."""
+        if self.stroke is not None:
+            return self.stroke.inverse
+        jacobian = np.concatenate(self.problem.fitted(self.slopes))
+        jacobian[:, -self.sizes.size :][:, self.sizes == 0] = 0.0
+        return _inverse(jacobian)
+
+    @property
+    def white_variance(self) -> float:
+        """Variance of a row [N²] times the rows over which noise is correlated, if the residual is noise."""
+        residual, per_noise = self.fitted_residuals, self.problem.rows_per_noise
+        waves = 0.0 if self.stroke is None else self.stroke.waves * per_noise
+        freedom = max(residual.size - self.point.size - waves, 1.0)
+        return max(float(residual @ residual) / freedom * per_noise, np.finfo(float).tiny)
+
+    @cached_property
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariance of the numbers: with the residual's correlation, errors of the model, and what is not known."""
+        residuals = self.problem.observation.successive(self.problem.fitted(self.residuals))
+        count = self.point.size + (0.0 if self.stroke is None else self.stroke.waves * self.problem.rows_per_noise)
+        variance = max(long_run_variance(residuals, count), self.white_variance)
+        if self.has_model_error:
+            variance = max(variance, misfit_variance(self.fitted_residuals.size, self.point.size, self.error))
+        covariance = self.inverse * variance + sum(np.outer(doubt, doubt) for doubt in self._doubts)
+        found = self.number_slopes @ covariance @ self.number_slopes.T
+        names = [each.name for each in self.numbers]
+        if "mass" in names and self.problem.speed is not None:  # friction jumps at an unknown time while it stands
+            place = names.index("mass")
+            found[place, place] += (self.coulomb_force * self.problem.standstill_time / self.problem.speed / 1.96) ** 2
+        return found
+
+    @property
+    def _doubts(self) -> Iterator[NDArray[np.float64]]:
+        """Yield the changes of shape and coefficients by a force along the stroke, and by the lead of the thrust."""
+        jacobian = np.concatenate(self.problem.fitted(self.slopes))
+        if self.stroke is not None:
+            plain = np.diag(_inverse(jacobian))
+            yield self.stroke.change * np.clip(1 - plain / np.diag(self.stroke.inverse), 0.0, 1.0)
+        if self.problem.lead_doubt and not self.has_model_error:
+            yield self.inverse @ (jacobian.T @ self.problem.thrust_doubt)
+
+    @cached_property
+    def number_slopes(self) -> NDArray[np.float64]:
+        """Derivatives of the numbers by shape and coefficients, shape (numbers, q + p)."""
+        here, columns = np.array([each.value for each in self.numbers]), []
+        for place, value in enumerate(self.point.tolist()):
+            step = DIFFERENCE_STEP * max(abs(value), 1.0)
+            moved = self.numbers_at(self.point + step * (np.arange(self.point.size) == place))
+            columns.append((np.array([each.value for each in moved]) - here) / step)
+        return np.array(columns).T
+
+    @property
+    def quantile(self) -> float:
+        """Half width of a 95 % interval in standard deviations (Student's t)."""
+        from scipy.stats import t  # slow to import: only when something is estimated
+
+        return float(t.ppf(0.5 + INTERVAL / 2, max(self.fitted_residuals.size - self.point.size, 1)))
+
+    def beside_stroke_force(self) -> "FrictionFit":
+        """Return the fit beside a force along the stroke, such as cogging, if that explains most of the error."""
+        waves, seen = Waves.along(self.problem.records), self.problem.observation
+        columns = [
+            np.hstack([seen.friction(record, wave[:, None])[rows.place] for wave in waves.columns(record)])
+            for record, rows in zip(self.problem.records, self.rows, strict=True)
+        ]
+        residual, per_noise = np.concatenate(self.residuals), self.problem.rows_per_noise
+        found = regress(np.concatenate(self.slopes), np.concatenate(columns), residual, 1 / per_noise)
+        forces = np.split(found.force, np.cumsum([each.size for each in self.residuals])[:-1])
+        beside = replace(self, stroke=StrokeForce(found.values, found.inverse, forces, found.waves))
+        return beside if beside.error < MAX_REMAINING_RATIO * self.error else self
+
+
+def _inverse(jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (JᵀJ)⁻¹ without directions in which columns are linearly dependent."""
+    size = np.linalg.norm(jacobian, axis=0)
+    size[size == 0] = 1.0
+    root = pseudo_inverse(jacobian / size) / size[:, None]
+    return np.asarray(root @ root.T)
+
+
+def _root_mean_square(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.add.reduce(values**2) / values.size)) if values.size else np.nan
+
+
+def fit_law(problem: FrictionProblem, model: FrictionModel, max_iterations: int) -> FrictionFit:
+    """Return the fit of least squared error near a model; RecordError if the search does not converge.
+
+    Sizes and terms are those of least squares at each shape (variable projection: G. H. Golub and V. Pereyra, SIAM J.
+    Numerical Analysis 10(2), 1973, doi:10.1137/0710036).
+    """
+    found, has_converged = search_shape(problem, model, max_iterations)
+    if not has_converged:
+        raise RecordError(
+            f"friction_identification did not converge in {max_iterations} steps: the record does not suit this law; "
+            "raise max_iterations, use fewer elements, or record more speeds"
+        )
+    return found
+
+
+def search_shape(problem: FrictionProblem, model: FrictionModel, max_iterations: int) -> tuple[FrictionFit, bool]:
+    """Return where a search from a model ends, and whether it has converged."""
+    from scipy.optimize import least_squares  # slow to import: only when something is estimated
+
+    grid = problem.thresholds
+    forces = LawForces.of(model, (float(grid[0]), float(grid[-1])) if grid.size else (0.0, np.inf))
+    known = [FrictionFit(problem, forces, forces.start)]
+    if not forces.start.size:
+        return known[0], True
+
+    def at(shape: NDArray[np.float64]) -> FrictionFit:
+        if not np.array_equal(known[-1].shape, shape):
+            known[:] = [FrictionFit(problem, forces, np.array(shape))]
+        return known[-1]
+
+    found = least_squares(
+        lambda shape: at(shape).fitted_residuals, forces.start, jac=lambda shape: at(shape).projected_slopes,
+        bounds=forces.bounds(), x_scale="jac", ftol=COST_TOLERANCE, xtol=STEP_TOLERANCE, gtol=None,
+        max_nfev=max_iterations,
+    )  # fmt: skip
+    return at(found.x), bool(found.status > 0)
