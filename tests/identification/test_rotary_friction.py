@@ -34,7 +34,7 @@ def test_a_bench_without_friction_is_refused_with_the_reason(tmp_path: Path, law
     channels = {"u": "iq_adx * 0.07 [N m]", "y": "theta_mx [rad]"}
     record = fraexp.read_record(BENCH, channels, sample_rate=2500, samples_per_period=2500, skip_periods=1)
     with pytest.raises(
-        fraexp.FraexpError, match=r"the force still rises by 0\.0\d+ N m of 0\.0\d+ N m; record a motion"
+        fraexp.FraexpError, match=r"rise of the force over it 0\.0\d+ N m, force at its end 0\.0\d+ N m; record"
     ):
         fraexp.Workspace(tmp_path).estimate(
             record, {"name": "friction_identification", "laws": [law], "thrust": "u", "displacement": "y"}
