@@ -73,16 +73,6 @@ KINDS: Mapping[str, Kind] = {
         "the encoder is coarse or noisy for this motion",
         "raise the amplitude, use a finer encoder, or record more periods with noise",
     ),
-    "encoder beside the band": Kind(
-        "the confidence band does not contain what rounding and noise of the encoder do to the friction forces",
-        "errors of the measured position move the friction model's reversals",
-        "raise the amplitude, or use a finer encoder",
-    ),
-    "weak terms": Kind(
-        "the confidence band may cover less than 95 %",
-        "noise hides terms of the motion that the friction force depends on",
-        "record more periods, or use a finer encoder",
-    ),
     "few encoder steps": Kind(
         "the motion is of few encoder steps, and no noise blurs its rounding",
         "each period is rounded alike, so that a mean over periods keeps the error",

@@ -89,11 +89,11 @@ def holds(drive: Drive, found: Result) -> np.ndarray:
 
 @pytest.mark.parametrize("number", DRAWS)
 def test_a_force_five_percent_wrong_at_one_contact_is_in_the_band(number):
-    """The band does not contain rounding, which acts through the friction models: a message says how far that goes."""
+    """The band contains the friction models' errors, and what rounding and noise do to the force along all of them."""
     drive = drawn(number)
     for factors in ({}, *WRONG):
         found = drive.estimated(factors)
-        assert "the confidence band does not contain what rounding" in found.message or holds(drive, found).mean() > 0.8
+        assert holds(drive, found).mean() > 0.8
         assert found.outcome is not Outcome.OK or drive.error(found) < 0.06
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fraexp_plugins.estimators._shared.encoder import mean_rounding_error, repeated_rounding_variance
+from fraexp_plugins.estimators._shared.measured_motion import repeated_share
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 
@@ -51,8 +51,7 @@ def test_noise_leaves_of_the_rounding_error_what_many_measurements_show(noise):
     position = generator.uniform(0, 10 * STEP, 400)
     noisy = position + generator.normal(0, noise, (4000, 400))
     shown = np.mean(rounded(noisy) - noisy, axis=0)
-    assert np.max(np.abs(shown - mean_rounding_error(position, STEP, noise))) < 0.05 * STEP
-    assert np.var(shown) == pytest.approx(repeated_rounding_variance(STEP, noise), rel=0.15, abs=1e-4 * STEP**2)
+    assert np.var(shown) * 12 / STEP**2 == pytest.approx(repeated_share(STEP, noise), rel=0.15, abs=1.2e-3)
 
 
 @pytest.mark.parametrize("frequency", some([5.0, 20.0, 40.0], 20.0))

@@ -59,17 +59,6 @@ def test_damped_elements_are_compensated_between_the_samples():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("degree", "is_said"), [(0, True), (2, False)])
-def test_a_band_that_hidden_terms_make_too_narrow_says_so(degree, is_said):
-    """Noise hides terms of the motion that damped elements feel: unless the plant tells them, the message does."""
-    record = measured(recorded((5.0, 40.0), FRICTION), np.random.default_rng(1))
-    method = EffectiveInput(friction=FRICTION, noise=NOISE, resolution=STEP, relative_degree=degree, **DELAYS)
-    weak = [each for each in method.estimate(record).findings if each.kind == "weak terms"]
-    assert bool(weak) == is_said
-    assert all(each.frequencies == pytest.approx((5.0,)) for each in weak)
-
-
-@pytest.mark.thorough
 @pytest.mark.parametrize("friction", [FRICTION, UNDAMPED], ids=["damped", "undamped"])
 def test_terms_that_noise_hides_bias_nothing(friction):
     """Without the plant at the harmonics the mean at 5 Hz was 0.5 and 1.5 bands of one sweep off."""

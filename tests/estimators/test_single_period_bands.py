@@ -63,7 +63,7 @@ def test_the_bands_cover_the_truth_at_nine_of_ten_places_of_the_scale(noise: flo
 
 
 def test_what_the_encoder_hides_is_not_ok(registry: Registry) -> None:
-    """At 12 N and 1 Hz the encoder of 0.1 µm makes the plant of Fig 12 2.9 dB wrong."""
+    """At 12 N and 1 Hz the encoder of 0.1 µm makes the plant of Fig 12 more than 1.5 dB wrong."""
     result, experiment = result_of("paper/fig12", registry, 12.0)
     response = result.response
     truth = create(registry, Plant, experiment["plant"]).response(2 * np.pi * response.frequency)
@@ -72,9 +72,9 @@ def test_what_the_encoder_hides_is_not_ok(registry: Registry) -> None:
     wrong = response.frequency[~BandReach.of(response).is_within(Accuracy())]
     (found,) = [each for each in result.findings if each.kind == "band by encoder"]
     assert set(found.frequencies) <= set(wrong)
-    assert error.max() > 0.3
-    assert is_within_circle(response, truth)[error > 0.1].all()
-    assert np.mean(is_within_circle(response, truth)) > 0.9
+    assert error.max() > 0.2
+    assert error[BandReach.of(response).is_within(Accuracy())].max() < 0.06
+    assert np.mean(is_within_circle(response, truth)) > 0.93
     assert np.all(error[response.frequency > 4] < 0.02)
 
 

@@ -4,10 +4,9 @@ from dataclasses import replace
 from typing import ClassVar
 
 from fraexp.api import Result, Signals, param, phasors, response_result
-from fraexp_plugins.estimators._shared.coarse_motion import coarse_motion, recorded_step
 from fraexp_plugins.estimators._shared.delayed_estimator import PlantReferredEstimator
+from fraexp_plugins.estimators._shared.measured_motion import recorded_step, with_rounding
 from fraexp_plugins.estimators._shared.neighbouring_lines import with_noise_of_neighbours
-from fraexp_plugins.estimators._shared.rounding_band import with_rounding
 
 
 class Conventional(PlantReferredEstimator, name="conventional", version=4):
@@ -17,10 +16,11 @@ class Conventional(PlantReferredEstimator, name="conventional", version=4):
     the amplitude, and is that at the input amplitude stated with it. Do not use it as a plant model unless friction is
     negligible at that amplitude.
 
-    The rounding error that repeats in every period is taken off as far as several periods show it; the confidence band
-    contains the rest, and noise by the scatter over periods. The encoder's step is `resolution`, or that which the
-    record shows. From four periods of a sine on, noise follows from the lines of the record's spectrum beside the
-    excited one, where friction gathers it. That of one simulated period follows from its encoder.
+    The confidence band contains the rounding error that repeats in every period, and noise by the scatter over periods;
+    where that rounding alone makes it wider than 0.5 dB or 3°, the response is not ok. The encoder's step is
+    `resolution`, or that which the record shows. From four periods of a sine on, noise follows from the lines of the
+    record's spectrum beside the excited one, where friction gathers it. That of one simulated period follows from its
+    encoder.
     """
 
     takes_responses: ClassVar[bool] = True
@@ -41,6 +41,5 @@ class Conventional(PlantReferredEstimator, name="conventional", version=4):
             return found
         response = with_noise_of_neighbours(found.response, signals.segments, (self.input, self.output))
         resolution = self.resolution or recorded_step(signals.segments, self.output)
-        found = replace(found, response=with_rounding(response, signals.segments, self.output, resolution))
-        coarse = coarse_motion(signals.segments, self.output, resolution, signals.encoder)
-        return found.with_findings(coarse, is_doubt=True)
+        found = replace(found, response=response)
+        return with_rounding(found, signals.segments, self.output, resolution, signals.encoder)

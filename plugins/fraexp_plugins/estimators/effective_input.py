@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from fraexp.api import (
     Curve,
-    Encoder,
     Estimator,
     FrequencyResponse,
     FrictionModel,
@@ -19,9 +18,9 @@ from fraexp.api import (
     RecordError,
     Result,
     Segment,
+    Settling,
     Signals,
     param,
-    phasor_variance,
     phasors,
     response_result,
 )
@@ -33,27 +32,19 @@ from fraexp_plugins.estimators._shared.contacts import (
     with_displacement,
 )
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT, ObserverEstimator, is_from_rest
-from fraexp_plugins.estimators._shared.encoder_aware_observer import EncoderAwareObserver
-from fraexp_plugins.estimators._shared.encoder_errors import EncoderErrors, with_error_vectors
 from fraexp_plugins.estimators._shared.friction_posterior import SineRecord
-from fraexp_plugins.estimators._shared.hold_images import HoldImages, gain_above_modes, hold_images
+from fraexp_plugins.estimators._shared.measured_motion import with_rounding
 from fraexp_plugins.estimators._shared.model_covariance import inverse_response
-from fraexp_plugins.estimators._shared.motion_above_nyquist import UnsampledErrors
+from fraexp_plugins.estimators._shared.motion_above_nyquist import HoldImages, hold_images, unsampled_errors
 from fraexp_plugins.estimators._shared.parameter_uncertainty import (
     Deviation,
     check_deviations,
     covariance_root,
     moved_within_bounds,
 )
-from fraexp_plugins.estimators._shared.plant_above_modes import MAX_ERROR, PlantAboveModes
-from fraexp_plugins.estimators._shared.response_doubts import (
-    check_standstill,
-    check_unbanded_encoder,
-    judge_band,
-    weak_terms,
-)
-from fraexp_plugins.estimators._shared.rounding_band import with_rounding
-from fraexp_plugins.estimators._shared.single_periods import as_single_periods
+from fraexp_plugins.estimators._shared.plant_above_modes import MAX_ERROR, PlantAboveModes, gain_above_modes
+from fraexp_plugins.estimators._shared.possible_motions import likely_terms, with_possible_motions
+from fraexp_plugins.estimators._shared.response_doubts import check_standstill, judge_band
 from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
 from fraexp_plugins.estimators._shared.uncertain_friction import (
     SCALES,
@@ -65,15 +56,8 @@ from fraexp_plugins.estimators._shared.uncertain_friction import (
     with_model_errors,
 )
 
-ENCODER_STDS = 2.0
-"""Standard deviations of an error by the encoder that count as its greatest."""
-NO_RATE_S = 1e9
-"""A step so long that nothing moves fast in it [s]."""
-MIN_STIFFENING = 1.001
-"""Stiffness of a friction model in a sample, over that at rest, from which its elements damp."""
 
-
-class EffectiveInput(EncoderAwareObserver, name="effective_input", version=8):
+class EffectiveInput(ObserverEstimator, name="effective_input", version=8):
     """P̂ = y'/û_e with û_e = G_di G_do u - f̂: the effective control input observer, eqs (2)-(5).
 
     y' drives the friction model in the time domain; the delays act at each frequency. With the right friction model P̂
@@ -97,13 +81,11 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=8):
     includes friction. The curve `friction sensitivity` says what 1 % of friction costs over frequency.
 
     Noise and rounding of the encoder act on P̂ through the friction model too: they move its reversals, and hide terms
-    of the motion in all periods alike. Where noise or resolution is stated and the record has several periods, 32
-    simulated repetitions of each measurement give the mean of these errors, which is taken off, and their covariance;
-    the band also contains the mean error itself and that of the interpolation. It is never narrower than the scatter
-    of the periods. Terms that noise hides, and motion above the Nyquist frequency, follow from the friction force and
-    from the plant at its harmonics. If few of those are clear, and hidden terms matter more than the band is wide, a
-    message says that it may cover less. A best linear approximation or another `method` has the band of that method.
-    For a record of one period motions are drawn that could have given it; nothing is taken off. A
+    of the motion in all periods alike. Where noise or resolution is stated, 32 motions are drawn that could have given
+    the record, of one period or several, and pushed through friction: their mean moves the response, their scatter is
+    its band, with what weak terms change. It is never narrower than the scatter of the periods. Terms that noise hides,
+    and motion above the Nyquist frequency, follow from the friction force and from the plant at its harmonics; with a
+    `relative_degree` of 0 they do not. A best linear approximation or another `method` has the band of that method. A
     frequency is ok if its whole band lies within 0.5 dB and 3°.
 
     With friction at several contacts c, û_e = G_di G_do u - Σ R_c f̂_c. Each model of `frictions` is driven by the
@@ -113,9 +95,7 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=8):
     friction acts at the thrust itself, as at a motor, it is 1 whatever the plant is. One contact may have an unknown
     displacement: the nominal plant then reconstructs it from the position that is fed back. Control inputs of further
     thrusts, such as `u.right`, count as friction does. What the nominal plant is wrong, both uses cost; with
-    `plant_deviations` the band contains it. The band does not contain what noise and rounding do to the friction at
-    several contacts: a message states a bound from the greatest stiffness where that is more than 1 % and than the
-    band; more than 10 % is not ok.
+    `plant_deviations` the band contains it.
 
     The images of the held input are taken off the measured position where they falsify the response by more than the
     tolerance. Their size follows from the motion at harmonics, if noise or resolution is stated and enough of them are
@@ -211,7 +191,7 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=8):
                 "(--input-amplitude)"
             )
         if not getattr(self.method, "motion_repeats", True):
-            signals = as_single_periods(signals)
+            signals = _as_single_periods(signals)
         observer = self.fitted_to(signals)._resolved(signals)
         forces = observer._contact_forces(signals)
         found = observer._estimate_along(forces)
@@ -310,39 +290,24 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=8):
         images = hold_images(self, signals.segments, found.response, guess)
         if images.error.max(initial=0.0) <= self.interpolation_tolerance:
             return None
-        gain = self._gain_by_harmonics(signals, guess)
-        return images if gain == guess else hold_images(self, signals.segments, found.response, gain)
-
-    def _gain_by_harmonics(self, signals: Signals, guess: float) -> float:
-        """Return c of the plant above its modes, as the motion at harmonics shows it; the guess if it does not.
-
-        The highest frequencies of a response may lie below a mode, where its c is another one.
-        """
-        is_single = any(len(segment.channels[self.output]) == 1 for segment in signals.segments)
-        if is_single or not (self.law.state_size and self._encoder_matters(signals)):
-            return guess
-        plant, _ = self.likely_motions(signals.segments, PlantAboveModes.of_gain(guess, self.relative_degree))
-        sample_time = min(segment.sample_time for segment in signals.segments)
-        return plant.limit if plant.error(np.pi / sample_time) < MAX_ERROR else guess
+        plant = PlantAboveModes.of_gain(guess, self.relative_degree)
+        if self.law.state_size and self._encoder_matters(signals):
+            plant, _ = likely_terms(self, signals.segments, plant)
+        is_known = plant.error(np.pi / min(segment.sample_time for segment in signals.segments)) < MAX_ERROR
+        return hold_images(self, signals.segments, found.response, plant.limit) if is_known else images
 
     def _completed(self, signals: Signals, forces: ContactForces, found: Result, relative_degree: int) -> Result:
         """Return a result with its uncertainty by encoder and friction model, and with all that makes it doubtful."""
         if found.response is None:
             return found
-        response = found.response
-        if self.frictions and (self.noise or self.resolution):
-            found = check_unbanded_encoder(found, self._encoder_error(forces, response))
-        elif self._encoder_matters(signals):
-            plant = PlantAboveModes.of_gain(gain_above_modes(response, relative_degree), relative_degree)
-            response, weak = self._with_encoder_errors(signals, response, plant)
-            found = replace(found, response=response).with_findings(weak_terms(response, weak))
+        found = self._with_encoder_errors(signals, forces, found, relative_degree)
         segments, record = forces.signals.segments, None
         hidden = [hidden_forces(each.observer, segments) for each in forces.contacts]
         if any(map(any, hidden)):  # what standstill hides is no error of the model
             check = self._check_contacts_standstill if self.frictions else self._check_standstill
             found = check(forces, hidden, found)
         elif found.response is not None:
-            record = SineRecord(self, segments, Encoder(self.noise, self.resolution), found.response)
+            record = SineRecord(self, segments, self.encoder, found.response)
         errors = self._errors(signals, forces)
         return judge_band(with_model_errors(found, record, errors, corrects=self.corrects_friction))
 
@@ -413,22 +378,6 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=8):
             ):
                 stds[_scale_name(contact.name, scale)] = prior_std(std, law, is_known=is_known)
         return {name: std for name, std in stds.items() if std}
-
-    def _encoder_error(self, forces: ContactForces, response: FrequencyResponse) -> NDArray[np.float64]:
-        """Return by how much noise and rounding may move the response, relative to it, shape (n,): two deviations.
-
-        An error of a displacement changes the force by no more than the friction model's greatest stiffness.
-        """
-        deviation = np.concatenate([
-            np.sqrt(phasor_variance(segment, self._encoder_of_mean(segment), self.output))
-            for segment in forces.signals.segments
-        ])  # fmt: skip
-        with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
-            force = forces.stiffness(2 * np.pi * response.frequency) / response.input_amplitude
-            return np.asarray(ENCODER_STDS * deviation * (1 / response.output_amplitude + force))
-
-    def _encoder_of_mean(self, segment: Segment) -> Encoder:
-        return Encoder(self.noise / np.sqrt(len(segment.channels[self.output])), self.resolution)
 
     def _estimate_along(self, forces: ContactForces, outputs: Sequence[NDArray[np.complex128]] | None = None) -> Result:
         """Return the response to û_e with these friction forces, of the phasors of the output or of others."""
@@ -505,81 +454,20 @@ class EffectiveInput(EncoderAwareObserver, name="effective_input", version=8):
         return not is_single or bool(self.noise) or signals.encoder is not None
 
     def _with_encoder_errors(
-        self, signals: Signals, response: FrequencyResponse, plant: PlantAboveModes
-    ) -> tuple[FrequencyResponse, NDArray[np.float64]]:
-        """Return the response with a band that contains the errors of the encoder, and of what lies between samples.
-
-        Of several periods their mean is taken off. The second value is by how much terms of the motion that noise
-        partly hides change the response, shape (n,).
-        """
-        unknown = np.zeros(response.frequency.size)
-        if not self.law.state_size:
-            return with_rounding(response, signals.segments, self.output, self.resolution), unknown
-        if any(len(segment.channels[self.output]) == 1 for segment in signals.segments):
-            return self._with_errors_of_single_periods(signals.segments, response, plant), unknown
-        plant, likely = self.likely_motions(signals.segments, plant)
-        linear = self.linear_phasors(signals.segments)
-        unsampled = self.unsampled_motion_errors(signals.segments, plant)
-        errors = self.encoder_errors(signals.segments, likely)
-        each = zip(signals.segments, errors, linear, unsampled, strict=True)
-        parts = [self._response_with_encoder_errors(*part, plant) for part in each]
-        ratio, vectors, weak = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
-        return with_error_vectors(response, ratio, vectors), weak
-
-    def _with_errors_of_single_periods(
-        self, segments: Sequence[Segment], response: FrequencyResponse, plant: PlantAboveModes
-    ) -> FrequencyResponse:
-        errors = self.single_period_errors(segments)
-        ratio = response.response
-        output = 1 + ratio * 2j * np.pi * response.frequency * self.law.viscous
-        with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
-            variance = errors.variance(output, ratio) / response.input_amplitude**2
-        if self._is_damped(segments[0].sample_time):
-            unsampled = self.unsampled_motion_errors(segments, plant)
-            moved, force = (np.concatenate(each) for each in zip(*unsampled, strict=True))
-            weak = np.concatenate(self.weak_term_errors(segments))
-            measured = np.concatenate([phasors(segment, self.output)[0] for segment in segments])
-            with np.errstate(divide="ignore", invalid="ignore"):
-                hidden = ratio * (output * moved + ratio * (force + weak)) / measured
-            ratio, variance = ratio - hidden, variance + np.abs(hidden) ** 2
-        covariance = variance[:, None, None] * (np.eye(2) / 2)
-        return replace(response, response=ratio, covariance=covariance, freedom=errors.freedom)
-
-    def _is_damped(self, sample_time: float) -> bool:
-        """Return whether elements of the friction model damp: their force has steps, which move the plant unseen."""
-        slow, fast = (self.law.stiffness_in_step(step) for step in (NO_RATE_S, sample_time))
-        return fast > MIN_STIFFENING * slow
-
-    def _response_with_encoder_errors(
-        self,
-        segment: Segment,
-        errors: EncoderErrors,
-        linear: NDArray[np.complex128],
-        unsampled: UnsampledErrors,
-        plant: PlantAboveModes,
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.float64]]:
-        """Return P̂, shape (lines,), and vectors whose squares add up to its variance, shape (vectors, lines).
-
-        The third value is by how much terms of the motion that noise partly hides change P̂, shape (lines,).
-        """
-        damping = 2j * np.pi * segment.frequency * self.law.viscous
-        corrected = np.add.reduce(linear, axis=0) / len(linear) + damping * errors.output_correction
-        effective = corrected - errors.force
-        ratio = errors.output / effective
-
-        def error_of_ratio(output: NDArray[np.complex128], force: NDArray[np.complex128]) -> NDArray[np.complex128]:
-            return (output + ratio * (damping * output + force)) / effective
-
-        scatter = error_of_ratio(errors.output_errors, errors.force_errors) / np.sqrt(len(errors.force_errors) - 1)
-        correction = ratio * errors.force_correction / effective
-        interpolation = ratio * errors.interpolation_error / effective
-        hidden = error_of_ratio(unsampled.output, unsampled.force)
-        weak = np.abs(ratio * errors.weak_term_force / effective)
-        return (
-            ratio - hidden,
-            np.vstack([scatter, correction, interpolation, float(plant.error(np.pi / segment.sample_time)) * hidden]),
-            weak,
-        )
+        self, signals: Signals, forces: ContactForces, found: Result, relative_degree: int
+    ) -> Result:
+        """Return the result with a band that contains the errors of the encoder, and of what lies between samples."""
+        if found.response is None or not self._encoder_matters(signals):
+            return found
+        if not any(contact.observer.law.state_size for contact in forces.contacts):
+            return with_rounding(found, signals.segments, self.output, self.resolution, self.encoder)
+        likely, unsampled = None, None
+        if not self.frictions:
+            plant = PlantAboveModes.of_gain(gain_above_modes(found.response, relative_degree), relative_degree)
+            plant, likely = likely_terms(self, signals.segments, plant)
+            unsampled = unsampled_errors(self, signals.segments, plant)
+        response = with_possible_motions(found.response, forces, self.output, likely, unsampled)
+        return replace(found, response=response)
 
 
 def _scale_name(contact: str, scale: str) -> str:
@@ -594,3 +482,18 @@ def _add_force(segment: Segment, hidden: HiddenForce | None) -> Segment:
     effective = segment.channels[EFFECTIVE_INPUT]
     changed = effective + np.fft.irfft(hidden.spectrum, effective.size).reshape(effective.shape)
     return replace(segment, channels={**segment.channels, EFFECTIVE_INPUT: changed})
+
+
+def _as_single_periods(signals: Signals) -> Signals:
+    """Return signals in which each segment is one long period at the same frequencies, whose end is not its past."""
+    from_rest = Settling(time=0.0, residual=float("nan"), settled=True)
+    segments = [
+        replace(
+            segment,
+            channels={name: values.reshape(1, -1) for name, values in segment.channels.items()},
+            lines=segment.lines * len(next(iter(segment.channels.values()))),
+            settling=from_rest,
+        )
+        for segment in signals.segments
+    ]
+    return replace(signals, segments=tuple(segments))

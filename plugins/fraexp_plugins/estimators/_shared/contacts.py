@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -28,8 +29,8 @@ class ContactFriction(NamedTuple):
     """The model's force along each segment, as the observer gives it."""
     thrust_ratio: Ratio
     """Returns the thrust that moves the output as a unit of the force does."""
-    error_ratio: Ratio
-    """Returns the error of the displacement over that of a measured position."""
+    position_ratios: Mapping[str, Ratio]
+    """By the channels of measured positions, how far the contact moves as each of them does."""
 
     def terms(self, segment: Segment, force: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return all its friction as thrust [N] at the excited line of a segment and at its multiples."""
@@ -42,7 +43,8 @@ class ContactFriction(NamedTuple):
     def stiffness(self, omega: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the greatest change of that thrust by an error of a measured position [N/m], at ω [rad/s]."""
         greatest = self.observer.law.max_stiffness * self.observer.force_scale / self.observer.displacement_scale
-        return np.asarray(np.abs(self.thrust_ratio(omega)) * greatest * np.abs(self.error_ratio(omega)))
+        moved = np.add.reduce([np.abs(ratio(omega)) for ratio in self.position_ratios.values()])
+        return np.asarray(np.abs(self.thrust_ratio(omega)) * greatest * moved)
 
 
 class ContactForces(NamedTuple):
@@ -106,11 +108,9 @@ class ContactForces(NamedTuple):
 
 def only_contact(observer: ObserverEstimator, signals: Signals) -> ContactForces:
     """Return the friction of a machine whose one contact moves as the output does, and is at its thrust."""
-
-    def unity(omega: NDArray[np.float64]) -> NDArray[np.complex128]:
-        return np.ones(omega.size, dtype=complex)
-
-    return ContactForces(signals, (ContactFriction("", observer, observer._forces(signals.segments), unity, unity),))
+    unity = partial(_constant, 1.0)
+    contact = ContactFriction("", observer, observer._forces(signals.segments), unity, {observer.output: unity})
+    return ContactForces(signals, (contact,))
 
 
 class ContactPlant(NamedTuple):
@@ -145,12 +145,10 @@ class ContactPlant(NamedTuple):
             share = self.ports.share(self.ports.contacts[name].force, omega, self.position)
             return np.broadcast_to(np.asarray(share, dtype=complex), omega.shape)
 
-        def error_ratio(omega: NDArray[np.float64]) -> NDArray[np.complex128]:
-            if weights is None:
-                return self._reconstruction_ratio(name, omega)
-            return np.full(omega.size, np.abs(list(weights.values())).sum(), dtype=complex)
-
-        return ContactFriction(name, observer, observer._forces(signals.segments), thrust_ratio, error_ratio)
+        ratios: dict[str, Ratio] = {"y": partial(self._reconstruction_ratio, name)}
+        if weights is not None:
+            ratios = {channel: partial(_constant, weight) for channel, weight in weights.items()}
+        return ContactFriction(name, observer, observer._forces(signals.segments), thrust_ratio, ratios)
 
     def displacement_weights(self, signals: Signals, contact: str) -> dict[str, float] | None:
         """Return the weights by which measured positions add up to a contact's displacement; None if they do not."""
@@ -222,6 +220,10 @@ class ContactPlant(NamedTuple):
         """Return P_mm/P_ym: how far the contact moves if its force alone moves the position that is fed back."""
         own, fed_back = self.ports.contacts[contact], self.ports.measured[0]
         return self.ports.transfer(own.force, own.displacement, omega) / self.ports.transfer(own.force, fed_back, omega)
+
+
+def _constant(value: float, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+    return np.full(omega.size, value, dtype=complex)
 
 
 def contact_channel(contact: str) -> str:

@@ -3,6 +3,7 @@
 import itertools
 from abc import ABC
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple, Self
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    Encoder,
     FrictionModel,
     Motion,
     ParameterError,
@@ -24,12 +26,11 @@ from fraexp.api import (
 )
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator, LoopDelays
 from fraexp_plugins.estimators._shared.interpolation import resample
+from fraexp_plugins.estimators._shared.measured_motion import CLEAR_TERM_STDS
 from fraexp_plugins.estimators._shared.oversampling import choose_oversampling
 
 EFFECTIVE_INPUT = "u_e"
 """Name of the channel û_e."""
-MIN_TERM_STDS = 3.0
-"""Size of a term of the Fourier series, in standard deviations of its scatter, from which it is kept."""
 TOLERANCE_RATIO = 10.0
 """Tolerated error of y'/û_e over that of y'/u: the effective input is a small difference."""
 FREQUENCIES_PER_BLOCK = 8192
@@ -85,6 +86,11 @@ class ObserverEstimator(DelayedEstimator, ABC):
         if self.friction is None:
             raise ParameterError(f"{self.name} lacks 'friction'; state it here, or 'friction' in the study")
         return self.friction
+
+    @property
+    def encoder(self) -> Encoder:
+        """Noise and resolution of the measured position."""
+        return Encoder(self.noise, self.resolution)
 
     def matched(self, machine: Mapping[str, object]) -> Self:
         """Return the observer of the machine itself, with an ideal encoder."""
@@ -246,6 +252,11 @@ class ObserverEstimator(DelayedEstimator, ABC):
         scatter = self.noise**2 * periods + self.resolution**2 / 12 * periods**2
         return _significant_terms(record_spectrum(segment, self.output), scatter * samples)
 
+    def mean_motion(self, segment: Segment) -> Motion:
+        """Return the motion of the mean over the periods, in which noise hides fewer terms."""
+        exact = self.model_copy(update={"noise": 0.0, "resolution": 0.0})
+        return exact.motion(replace(segment, channels={self.output: self.clear_period(segment, self.output)}))
+
     def clear_period(self, segment: Segment, channel: str) -> NDArray[np.float64]:
         """Return the mean period of a position [m] without the terms that noise and rounding hide, (1, samples)."""
         count, samples = segment.channels[channel].shape
@@ -316,7 +327,7 @@ def _record_path(delays: LoopDelays, size: int, sample_time: float) -> NDArray[n
 
 def _significant_terms(bins: NDArray[np.complex128], variance: float) -> NDArray[np.complex128]:
     """Return a Fourier series without the terms that scatter of this variance can explain."""
-    return np.where(np.abs(bins) < MIN_TERM_STDS * np.sqrt(variance), 0, bins) if variance else bins
+    return np.where(np.abs(bins) < CLEAR_TERM_STDS * np.sqrt(variance), 0, bins) if variance else bins
 
 
 def is_from_rest(segment: Segment) -> bool:

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp_plugins.estimators._shared.weak_terms import LEAST_ERROR, LikelyTerms
+from fraexp.api import FrequencyResponse
+from fraexp_plugins.estimators._shared.measured_motion import LEAST_ERROR, LikelyTerms, MeasuredMotion
 
 BANDWIDTH = 0.3
 """Natural logarithm of the ratio of frequencies up to which harmonics count."""
@@ -22,6 +23,8 @@ MIN_CLEAR_HARMONICS = 8
 MAX_PREDICTED_ERROR = 2.0
 """Relative error of the plant from which a motion is not predicted. An uncertain prediction counts by its variance. The
 power of neighbouring terms, which would take its place, is no better near a mode, and misses in one direction."""
+UPPER_RANGE = 2.0
+"""Ratio of the highest frequency to the lowest one at which a response counts as above the modes."""
 MAX_ERROR = 0.5
 """Relative error of the plant from which its c at high frequencies counts as unknown."""
 
@@ -39,6 +42,13 @@ class Harmonics(NamedTuple):
     """Variance of the measured terms [m²]."""
     is_clear: NDArray[np.bool_]
     """Whether a term stands out of it."""
+
+    @classmethod
+    def of(cls, measured: MeasuredMotion, force: NDArray[np.complex128]) -> "Harmonics":
+        """Return the terms at which there is a force [N], shape (terms,)."""
+        used = force != 0
+        scatter = np.full(int(used.sum()), measured.variance)
+        return cls(measured.omega[used], measured.terms[used], force[used], scatter, measured.is_clear[used])
 
 
 class PlantAboveModes(NamedTuple):
@@ -129,3 +139,12 @@ def _fit_line(
     excess = np.sum(weight * (np.abs(motion - found) ** 2 - scatter))
     size = np.sum(weight * np.abs(found) ** 2)
     return gain, float(np.sqrt(max(excess, 0.0) / size + second / determinant / np.abs(gain) ** 2))
+
+
+def gain_above_modes(response: FrequencyResponse, relative_degree: int) -> float:
+    """Return c of a plant that falls as c/(jω)^r [m/(N s^r)], from the highest frequencies of its response."""
+    usable = np.isfinite(response.response) & (response.frequency > 0)
+    frequency, values = response.frequency[usable], response.response[usable]
+    upper = frequency >= frequency.max(initial=0.0) / UPPER_RANGE
+    gains = np.real(values[upper] * (2j * np.pi * frequency[upper]) ** relative_degree)
+    return float(np.median(gains)) if gains.size else 0.0

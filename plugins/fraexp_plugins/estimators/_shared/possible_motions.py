@@ -1,139 +1,216 @@
-"""What noise and rounding of the encoder do to a response of one period: motions that could have given the record.
+"""Which motions could have given the samples of a periodic record, and what each of them makes of the response.
 
-Nothing repeats in one period, so no mean error is taken off. Around the measured motion others are drawn that are as
-likely. The force along what the observer took, less the force along such a motion, is one error of the force. Errors
-are alike at neighbouring frequencies, so that a few motions at a few frequencies suffice.
+Motions are drawn from the posterior of the measured one, and pushed through friction. The force along them, less that
+along the motion that the observer took, is the error of its force: the mean moves the response, the scatter is its
+band. Where friction and plant make terms likely that noise hides, they are part of that posterior.
 """
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Segment, rounding_symmetry
-from fraexp_plugins.estimators._shared.measured_terms import measured_terms
-from fraexp_plugins.estimators._shared.weak_terms import CLEAR_TERM_STDS, motion_shares
+from fraexp.api import (
+    FrequencyResponse,
+    Motion,
+    Segment,
+    fourier_sums,
+    path_response,
+    phasors,
+)
+from fraexp_plugins.estimators._shared.contacts import ContactForces, ContactFriction
+from fraexp_plugins.estimators._shared.effective_input_observer import ObserverEstimator
+from fraexp_plugins.estimators._shared.measured_motion import LikelyTerms, MeasuredMotion
+from fraexp_plugins.estimators._shared.plant_above_modes import Harmonics, PlantAboveModes, fit_above_modes
 
-MIN_DRAWS = 16
-"""Errors from which a variance is taken, at least."""
-REACH = 2**0.5
-"""Ratio of frequencies up to which errors are alike."""
-SPACING = 2 ** (1 / 3)
-"""Ratio of the frequencies at which motions are drawn, at least."""
-
-
-class PossibleMotions(NamedTuple):
-    """A measured motion, and others that could have given the same record, by their Fourier coefficients."""
-
-    terms: NDArray[np.complex128]
-    """What the observer takes in the first row, motions that are possible in the others, shape (1 + draws, terms)."""
-    output_errors: NDArray[np.complex128]
-    """Phasors of the output less those of the possible motions [m], shape (draws, lines)."""
-    lines: NDArray[np.int64]
-    """Terms that are excited, shape (lines,)."""
-    duration: float
-    """Period of the motion [s]."""
-    likely: NDArray[np.complex128]
-    """The mean of the possible motions, shape (terms,): of a weak term, its likely part."""
+DRAWS = 32
+"""Motions that are drawn of each measured position."""
+MAX_POINTS = 1024
+"""Points of a period at which a friction model is driven along drawn motions: most of their own errors cancel."""
+FINER = 8
+"""Factor by which the motion that the observer took is interpolated more finely."""
+POINTS_MULTIPLE = 16
+"""Numbers of points of which a Fourier transform is fast are multiples of it."""
 
 
-class EncoderErrorSamples(NamedTuple):
-    """Errors of output and friction force at some frequencies."""
+ROUNDS = 2
+"""Times that the friction force is found: along the clear terms, and along what it makes likely."""
 
-    frequency: NDArray[np.float64]
-    """Frequencies [Hz], shape (n,)."""
+
+def likely_terms(
+    observer: ObserverEstimator, segments: Sequence[Segment], guess: PlantAboveModes
+) -> tuple[PlantAboveModes, list[LikelyTerms]]:
+    """Return the plant above its modes, and what it and friction make likely of the motion in each segment.
+
+    Where nothing is excited, and not at rest, the friction force alone causes the motion.
+    """
+    encoder, plant = observer.encoder, guess
+    measured = [MeasuredMotion.of(segment, observer.output, encoder) for segment in segments]
+    likely = [LikelyTerms.unknown(each.terms.size) for each in measured]
+    motions = [np.where(each.is_clear, each.terms, 0) for each in measured]
+    for _ in range(ROUNDS):
+        driving = [
+            motions_of(observer, segment, terms[None], each.duration)[0]
+            for segment, terms, each in zip(segments, motions, measured, strict=True)
+        ]
+        caused = []
+        for force, each in zip(observer.law.forces(driving), measured, strict=True):
+            own = np.fft.rfft(force)[: each.terms.size] / force.size * observer.force_factor(each.omega)
+            own[each.lines], own[0] = 0, 0
+            caused.append(own)
+        plant = fit_above_modes([Harmonics.of(*pair) for pair in zip(measured, caused, strict=True)], guess)
+        likely = [plant.likely_terms(each.omega, force) for each, force in zip(measured, caused, strict=True)]
+        measured = [
+            MeasuredMotion.of(segment, observer.output, encoder, own)
+            for segment, own in zip(segments, likely, strict=True)
+        ]
+        motions = [each.posterior for each in measured]
+    return plant, likely
+
+
+def draw_motions(segment: Segment, channel: str, motion: MeasuredMotion, likely: LikelyTerms) -> NDArray[np.complex128]:
+    """Return motions that a position could have made, shape (draws, terms).
+
+    The first number of each draw, of the term that is constant, is the error of the plant: what it predicts errs alike
+    at all terms.
+    """
+    generator = np.random.default_rng(zlib.crc32(segment.channels[channel].tobytes()))
+    normal = generator.standard_normal((DRAWS, 2 * motion.terms.size)).view(complex) * np.sqrt(0.5)
+    normal -= np.add.reduce(normal) / DRAWS  # their mean is then free of the noise that merely passes through
+    spread, predicted = np.sqrt(motion.share * motion.variance) * normal, ~np.isnan(likely.deviation)
+    mean, size, share = likely.mean[predicted], likely.deviation[predicted], motion.share[predicted]
+    common = (1 - share) * size * mean / np.abs(mean) * normal[:, :1]
+    spread[:, predicted] = common + share * np.sqrt(motion.variance) * normal[:, predicted]
+    spread[:, 0] = 0
+    return np.asarray(motion.posterior + spread)
+
+
+class ForceErrors(NamedTuple):
+    """Errors of the output and of all friction as thrust, at the lines of a segment, shape (…, lines)."""
+
     output: NDArray[np.complex128]
-    """Errors of the output [m], shape (draws, n)."""
+    """[m]."""
     force: NDArray[np.complex128]
-    """Errors of the force [N], shape (draws, n)."""
-    deviation: NDArray[np.float64]
-    """Standard deviation of the output's phasors [m], with which both scale, shape (n,)."""
+    """[N]."""
 
 
-class ErrorMoments(NamedTuple):
-    """Second moments of the errors of output δy and friction force δf, shape (n,)."""
-
-    output: NDArray[np.float64]
-    """E|δy|² [m²]."""
-    force: NDArray[np.float64]
-    """E|δf|² [N²]."""
-    product: NDArray[np.complex128]
-    """E[δy conj(δf)] [m N]."""
-    freedom: NDArray[np.float64]
-    """Their degrees of freedom: two for each error."""
-
-    def variance(self, output: NDArray[np.complex128], force: NDArray[np.complex128]) -> NDArray[np.float64]:
-        """Return E|output δy + force δf|², shape (n,)."""
-        mixed = 2 * np.real(output * np.conj(force) * self.product)
-        squares = np.abs(output) ** 2 * self.output + np.abs(force) ** 2 * self.force
-        return np.asarray(np.maximum(squares + mixed, 0.0))
+def draw_errors(forces: ContactForces, number: int, output: str, likely: LikelyTerms | None) -> ForceErrors:
+    """Return the errors of the motions that a segment could have made, and of its clear terms, (draws + 1, lines)."""
+    segment, encoder = forces.signals.segments[number], forces.contacts[0].observer.encoder
+    channels = {output} | {channel for contact in forces.contacts for channel in contact.position_ratios}
+    measured, changes = {}, {}
+    for channel in sorted(channels):
+        own = likely if likely is not None and channel == output else None
+        measured[channel] = MeasuredMotion.of(segment, channel, encoder, own)
+        unknown = LikelyTerms.unknown(measured[channel].terms.size)
+        drawn = draw_motions(segment, channel, measured[channel], own or unknown)
+        clear = np.where(measured[channel].is_clear, measured[channel].terms, 0)
+        changes[channel] = np.vstack([drawn, clear]) - measured[channel].taken
+    motion = measured[output]
+    force = [_force_errors(contact, number, segment, motion, changes) for contact in forces.contacts]
+    return ForceErrors(2 * changes[output][:, motion.lines], np.add.reduce(force))
 
 
-def examined_segments(segments: Sequence[Segment]) -> list[Segment]:
-    """Return the segments whose motions are drawn: of those with a single line a few in each octave."""
-    chosen, last = [segment for segment in segments if segment.lines.size > 1], 0.0
-    for segment in sorted(segments, key=lambda segment: float(segment.frequency[0])):
-        if segment.lines.size == 1 and segment.frequency[0] >= SPACING * last:
-            chosen.append(segment)
-            last = float(segment.frequency[0])
-    return chosen
+def _force_errors(
+    contact: ContactFriction,
+    number: int,
+    segment: Segment,
+    motion: MeasuredMotion,
+    changes: Mapping[str, NDArray[np.complex128]],
+) -> NDArray[np.complex128]:
+    """Return the errors of a contact's friction as thrust [N] along the motions that are possible, (draws + 1, lines).
 
-
-def draws_per_segment(segments: Sequence[Segment]) -> int:
-    """Return how many motions each of these segments needs, so that neighbouring frequencies have enough together."""
-    frequency = np.sort(np.concatenate([segment.frequency for segment in segments]))
-    first, behind = _neighbours(frequency, frequency)
-    return int(np.ceil(MIN_DRAWS / np.median(behind - first)))
-
-
-def possible_motions(segment: Segment, channel: str, resolution: float, noise: float, draws: int) -> PossibleMotions:
-    """Return the motion of a record of one period, and motions that are as likely.
-
-    A clear term is known but for its scatter. A weaker one, which the observer leaves out, is as strong as its
-    neighbours make likely.
+    The force along the motion that the observer took is found more finely, too.
     """
-    measured = measured_terms(segment, channel, resolution, noise)
-    terms, (count, samples) = measured.terms, measured.periods.shape
-    rounding, random = resolution**2 / 12 / samples, noise**2 / (count * samples)
-    share = motion_shares(terms, rounding + random)
-    scatter = np.full(terms.size, rounding + random)
-    scatter[1::2] = rounding_symmetry(segment) * rounding + random
-    generator = np.random.default_rng(zlib.crc32(measured.periods.tobytes()))
-    normal = generator.standard_normal((draws, 2 * terms.size)).view(complex) * np.sqrt(0.5)
-    drawn = share * terms + np.sqrt(share * scatter) * normal
-    found = np.where(np.abs(terms) < CLEAR_TERM_STDS * np.sqrt(rounding + random), 0, terms)
-    lines = measured.lines
-    output_errors = 2 * (terms - drawn)[:, lines]
-    return PossibleMotions(np.vstack([found, drawn]), output_errors, lines, measured.duration, share * terms)
+    observer, omega, lines = contact.observer, motion.omega[1:], motion.lines
+    own = MeasuredMotion.of(segment, observer.output, observer.encoder)
+    change = np.zeros((DRAWS + 1, own.terms.size), dtype=complex)
+    for channel, ratio in contact.position_ratios.items():
+        change[:, 1:] += ratio(omega) * changes[channel][:, 1:]
+    driving = motions_of(observer, segment, np.vstack([own.taken, own.taken + change]), motion.duration)
+    sums = fourier_sums(np.stack(observer.law.forces(driving)), lines)
+    (finer,) = observer.law.forces(motions_of(observer, segment, own.taken[None], motion.duration, FINER))
+    coarse = np.add.reduce(contact.forces[number]) / len(contact.forces[number])
+    sums[1:] += fourier_sums(finer[None], lines) - fourier_sums(coarse[None], segment.lines)
+    at_lines = motion.omega[lines]
+    moved = (sums[1:] - sums[0]) * observer.force_factor(at_lines)
+    moved += 2j * at_lines * observer.law.viscous * change[:, lines]
+    return np.asarray(contact.thrust_ratio(at_lines) * moved)
 
 
-def error_moments(
-    samples: EncoderErrorSamples, frequency: NDArray[np.float64], deviation: NDArray[np.float64]
-) -> ErrorMoments:
-    """Return the moments at frequencies [Hz], shape (n,), from the errors at neighbouring ones.
+def motions_of(
+    observer: ObserverEstimator, segment: Segment, terms: NDArray[np.complex128], duration: float, finer: int = 1
+) -> list[Motion]:
+    """Return motions of such Fourier coefficients, shape (motions, terms), and period [s].
 
-    `deviation` is the standard deviation of the output's phasors there [m], shape (n,).
+    A single one is as exact as the observer's own, or finer. Several are there to be compared with each other.
     """
-    order = np.argsort(samples.frequency, kind="stable")
-    first, behind = _neighbours(samples.frequency[order], frequency)
-    output, force = (errors[:, order] / samples.deviation[order] for errors in (samples.output, samples.force))
+    points, before = int(np.ceil(finer * observer.oversampling * duration / segment.sample_time)), np.empty(0)
+    if len(terms) > 1:
+        points = min(points, max(MAX_POINTS, 2 * terms.shape[1]))
+    else:
+        before = observer.lead_in(segment)
+    points += -points % POINTS_MULTIPLE
+    bins = terms / path_response(2 * np.pi / duration * np.arange(terms.shape[1]), 0.0, observer.output_time_constants)
+    motions = np.fft.irfft(bins, points) * (points / observer.displacement_scale)
+    return [Motion(x, duration / points, True, before, segment.sample_time) for x in motions]
 
-    def mean(products: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        sums = np.concatenate([[0.0], np.cumsum(np.add.reduce(products, axis=0) / len(products))])
-        return np.asarray((sums[behind] - sums[first]) / (behind - first) * deviation**2)
 
-    return ErrorMoments(
-        mean(output * output.conj()).real,
-        mean(force * force.conj()).real,
-        mean(output * force.conj()),
-        np.asarray(2.0 * (behind - first) * len(output), dtype=float),
+def with_possible_motions(
+    response: FrequencyResponse,
+    forces: ContactForces,
+    output: str,
+    likely: Sequence[LikelyTerms] | None,
+    unsampled: Sequence[ForceErrors] | None,
+) -> FrequencyResponse:
+    """Return a response that is moved by the mean error of all motions that are possible, with their scatter as band.
+
+    How much of the terms that noise partly hides is motion is a guess: what they change is part of the band, and so is
+    what lies between the samples, `unsampled`, in each segment. Where
+    the periods scatter more than noise and rounding explain, the band is as wide as their scatter: something else
+    disturbs the machine.
+    """
+    ratios, vectors, begin = [], [], 0
+    for number, segment in enumerate(forces.signals.segments):
+        errors = draw_errors(forces, number, output, likely[number] if likely else None)
+        measured = phasors(segment, output)
+        y = np.add.reduce(measured) / len(measured)
+        drawn = ForceErrors(errors.output[:DRAWS], errors.force[:DRAWS])
+        moved, force = (np.add.reduce(each) / DRAWS for each in drawn)
+        with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+            effective = y / response.response[begin : begin + segment.lines.size] - force
+            ratio = (y + moved) / effective
+            scatter = (drawn.output - moved + ratio * (drawn.force - force)) / effective / np.sqrt(DRAWS - 1)
+            rows = [scatter, ratio * (force - errors.force[DRAWS:]) / effective]
+            if unsampled is not None:
+                hidden = (unsampled[number].output + ratio * unsampled[number].force) / effective
+                ratio = ratio - hidden
+                rows.append(hidden[None])
+        begin += segment.lines.size
+        ratios.append(ratio)
+        vectors.append(np.vstack(rows))
+    return _with_error_vectors(response, np.concatenate(ratios), np.concatenate(vectors, axis=1))
+
+
+def _with_error_vectors(
+    response: FrequencyResponse, ratio: NDArray[np.complex128], errors: NDArray[np.complex128]
+) -> FrequencyResponse:
+    """Return a response with another value and the covariance of its errors, complex, shape (vectors, n).
+
+    The degrees of freedom are those of the greater one of this part and the scatter of the periods.
+    """
+    parts = np.stack([errors.real, errors.imag])
+    covariance = np.moveaxis(np.add.reduce(parts[:, None] * parts[None, :], axis=2), -1, 0)
+    explained, shown = (np.trace(each, axis1=1, axis2=2) for each in (covariance, response.covariance))
+    with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+        excess = np.fmax(shown / explained, 1.0)
+    known = np.inf if response.freedom is None else response.freedom
+    return replace(
+        response,
+        response=np.where(np.isfinite(response.response), ratio, np.nan),
+        covariance=covariance * excess[:, None, None],
+        freedom=np.where(excess > 1, known, DRAWS - 1.0),
     )
-
-
-def _neighbours(
-    known: NDArray[np.float64], frequency: NDArray[np.float64]
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the first one of ascending known frequencies [Hz] near each frequency, and the one behind the last."""
-    return np.searchsorted(known, frequency / REACH), np.searchsorted(known, frequency * REACH, side="right")

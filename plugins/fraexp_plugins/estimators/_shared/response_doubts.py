@@ -1,4 +1,4 @@
-"""What makes a response to the effective input doubtful: encoder, weak terms, standstill, friction model."""
+"""What makes a response to the effective input doubtful: its band, and standstill."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,22 +10,14 @@ from fraexp.api import (
     Accuracy,
     BandReach,
     Finding,
-    FrequencyResponse,
     Quantity,
     Result,
     at_worst,
-    circle_factor,
-    degrees_of_freedom,
 )
-from fraexp_plugins.estimators._shared.model_covariance import relative_radius
 
 MAX_STANDSTILL_ERROR = 0.01
 """Relative error of the response by standstill from which it is not ok."""
-MAX_ENCODER_ERROR = 0.1
-"""Relative error of a response by the encoder, beside its band, from which it is not ok."""
 ACCURACY = Accuracy()
-MIN_STATED_ERROR = 0.01
-"""Relative error of a response by the encoder, beside its band, from which it is stated."""
 
 
 def judge_band(found: Result, accuracy: Accuracy = ACCURACY) -> Result:
@@ -60,33 +52,6 @@ def _band(
         Quantity(accuracy.phase, "°", "and"),
     )
     return Finding(kind, quantities, tuple(map(float, frequency[where])), where.size)
-
-
-def check_unbanded_encoder(found: Result, error: NDArray[np.float64]) -> Result:
-    """Return a result that says how far the encoder may move a response whose band does not contain it, shape (n,).
-
-    It is not ok where that is no longer small.
-    """
-    if found.response is None:
-        return found
-    response = found.response
-    error = np.where(response.settled & np.isfinite(error), error, 0.0)
-    wide = error > np.maximum(MIN_STATED_ERROR, np.nan_to_num(relative_radius(response), posinf=np.inf))
-    if not wide.any():
-        return found
-    finding = at_worst("encoder beside the band", response.frequency, wide, error, "response off by up to")
-    return found.with_findings(finding, is_doubt=bool(error[wide].max() > MAX_ENCODER_ERROR))
-
-
-def weak_terms(response: FrequencyResponse, weak: NDArray[np.float64]) -> Finding | None:
-    """Return where the band may cover less than it should; None if nowhere.
-
-    How much of a term that noise partly hides is motion is a guess; the band contains its scatter, not its mean.
-    """
-    affected = weak > circle_factor(degrees_of_freedom(response)) * response.standard_deviation
-    if not affected.any():
-        return None
-    return Finding("weak terms", (), tuple(map(float, response.frequency[affected])), affected.size)
 
 
 def check_standstill(
