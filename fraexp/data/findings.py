@@ -113,6 +113,26 @@ KINDS: Mapping[str, Kind] = {
         "a move within its own window is settled before it begins",
         "lower 'settling_window', or move farther",
     ),
+    "spikes": Kind(
+        "it leaps away from both neighbours, which no machine can",
+        "lost or wrong samples of a sensor",
+        "interpolate them before the import, or leave them out (--start-time, --end-time)",
+    ),
+    "clipped": Kind(
+        "it stops at an end of its range and moves fast just before, as if it were clipped",
+        "a sensor or a converter at its limit",
+        "record with a larger range or a smaller excitation",
+    ),
+    "lost signal": Kind(
+        "it stays at one value and moves fast just before or after",
+        "a sensor or a connection that was interrupted",
+        "leave it out (--start-time, --end-time) or record again",
+    ),
+    "wraps": Kind(
+        "it jumps by nearly its whole range, as an angle or counter that wraps",
+        "an encoder within a turn, or a counter",
+        "unwrap the column before the import",
+    ),
     REMARK: Kind("", "what is particular to an estimator or a record", "as the message says"),
 }
 """All kinds of findings by their names; `docs/troubleshooting.md` lists them."""

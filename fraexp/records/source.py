@@ -62,7 +62,7 @@ from fraexp.records.record_settings import RecordSettings
 from fraexp.records.repeats import check_repeats, detect_period, period_hint
 from fraexp.records.stated_response import is_response, load_response, resolve_response, response_columns
 from fraexp.records.timebase import MAX_JITTER
-from fraexp.records.wrong_samples import wrong_sample_questions
+from fraexp.records.wrong_samples import find_wrong_samples
 
 MIN_FREQUENCY_RATIO = 0.5
 """Frequency relative to the lowest line below which an integral is set to 0: there it is drift and noise."""
@@ -406,17 +406,17 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
         own = [plain for plain in record["segments"] if plain.get("part", 0) == number]
         found += [_load_segment(Cut.from_plain(plain), values, part["channels"], path) for plain in own]
     units = {name: str(channel["unit"]) for name, channel in parts[0]["channels"].items()}
-    wrong = wrong_sample_questions(found, units)
+    wrong, do_harm = find_wrong_samples(found, units)
     unexpected = column_doubt(found, cuts, units, record.get("controller"))
     are_doubtful = bool(unexpected) or any(2 * cut.doubtful > len(cut.lines) for cut in cuts)
     unsettled = sum(cut.settled is False for cut in cuts)
     moving = f"{unsettled} of {len(cuts)} segments were not yet periodic when they were recorded" if unsettled else ""
-    outcome = Outcome.INACCURATE if wrong.do_harm or are_doubtful else Outcome.OK
+    outcome = Outcome.INACCURATE if do_harm or are_doubtful else Outcome.OK
     outcome = Outcome.NOT_SETTLED if unsettled else outcome
     still = _standstill_text(found, units)
     outcome = Outcome.NO_MOTION if still else outcome
-    texts = (still, moving, unexpected, *messages, unit_questions(found, units), wrong.text)
-    return Signals(tuple(found), units, outcome, remarks(*texts))
+    texts = (still, moving, unexpected, *messages, unit_questions(found, units))
+    return Signals(tuple(found), units, outcome, (*remarks(*texts), *wrong))
 
 
 def _standstill_text(segments: Sequence[Segment], units: Mapping[str, str]) -> str:

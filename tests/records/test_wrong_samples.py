@@ -11,7 +11,7 @@ from fraexp.analysis.steady_motion import find_steady_motion
 from fraexp.data.findings import Finding
 from fraexp.data.results import Outcome
 from fraexp.data.signals import Segment, Signals
-from fraexp.records.wrong_samples import wrong_sample_questions
+from fraexp.records.wrong_samples import find_wrong_samples
 
 PERIODS, SAMPLES = 6, 1000
 LINES = np.arange(1, 40, 3)
@@ -57,9 +57,13 @@ HARMLESS = {
 """What machines and their encoders do."""
 
 
-def questions(y: NDArray[np.float64], unit: str = "rad", name: str = "y", periodic: bool = True) -> str:
+def found_in(y: NDArray[np.float64], unit: str = "rad", name: str = "y", periodic: bool = True) -> list[Finding]:
     blocks = y.reshape(PERIODS if periodic else 1, -1)
-    return wrong_sample_questions([Segment(1e-3, {name: blocks}, LINES, periodic=periodic)], {name: unit}).text
+    return list(find_wrong_samples([Segment(1e-3, {name: blocks}, LINES, periodic=periodic)], {name: unit})[0])
+
+
+def kinds(*given, **more) -> list[str]:
+    return [each.kind for each in found_in(*given, **more)]
 
 
 def motion(y: NDArray[np.float64]) -> Finding | None:
@@ -74,40 +78,36 @@ def replaced(where: slice | list[int], value: float, noise: float = 1e-3) -> NDA
 
 @pytest.mark.parametrize("y", HARMLESS.values(), ids=HARMLESS)
 def test_what_machines_do_is_not_questioned(y: NDArray[np.float64]) -> None:
-    assert questions(y) == ""
+    assert found_in(y) == []
     assert motion(y) is None
 
 
 @pytest.mark.parametrize("value", [5.0, -5.0, 100.0])
 @pytest.mark.parametrize("where", [0, 1234, TIME.size - 1])
-def test_a_spike_is_questioned_at_its_place(value: float, where: int) -> None:
-    said = questions(replaced([where], value))
-    period, sample = divmod(where, SAMPLES)
-    assert said.startswith(f"'y' is {value:.3g} rad at sample {sample + 1} of period {period + 1}, and between ")
-    assert "1 wrong sample?" in said
+@pytest.mark.parametrize("periodic", [True, False])
+def test_a_spike_is_found_at_its_place(value: float, where: int, periodic: bool) -> None:
+    (found,) = found_in(replaced([where], value), periodic=periodic)
+    period, sample = divmod(where, SAMPLES) if periodic else (0, where)
+    assert (found.kind, found.place) == ("spikes", f"'y', sample {sample + 1} of period {period + 1}")
+    assert [found.quantities[0].value, found.quantities[-1].value] == [value, 1]
 
 
-@pytest.mark.parametrize("value", [-9999.0, 5.0])
-@pytest.mark.parametrize("noise", [1e-6, 1e-2])
-def test_outliers_of_all_periods_do_not_hide_one_another(value: float, noise: float) -> None:
-    said = questions(replaced(HIDDEN, value, noise))
-    assert said.startswith(f"'y' is {value:g} rad" if value > 0 else "'y' is -1e+04 rad")
-    assert "there in the others: 12 wrong samples? interpolate them before the import" in said
+@pytest.mark.parametrize(("value", "noise"), [(-9999.0, 1e-6), (5.0, 1e-2), (0.0, 1e-3)])
+@pytest.mark.parametrize(
+    "where",
+    [HIDDEN, slice(int(np.argmax(WAVE[:SAMPLES])), None, SAMPLES)],
+    ids=["two in each", "the same sample of each"],
+)
+def test_spikes_of_all_periods_do_not_hide_one_another(value: float, noise: float, where: slice) -> None:
+    (found,) = found_in(replaced(where, value, noise))
+    assert found.kind == "spikes"
+    assert found.quantities[-1].value == len(range(TIME.size)[where]) or value == 0.0
 
 
-def test_zeros_within_the_range_are_outliers() -> None:
-    assert "wrong samples? interpolate" in questions(replaced(HIDDEN, 0.0))
-
-
-def test_several_channels_and_segments_are_counted() -> None:
-    wrong = Segment(1e-3, {"y": replaced([5], 10.0).reshape(PERIODS, -1)}, LINES)
-    assert wrong_sample_questions([wrong, wrong], {"y": "m"}).text.endswith("; and 1 more channels or segments")
-
-
-def test_two_periods_or_none_do_not_tell_a_spike() -> None:
-    two = Segment(1e-3, {"y": replaced([7], 10.0)[: 2 * SAMPLES].reshape(2, -1)}, LINES)
-    assert wrong_sample_questions([two], {"y": "m"}).text == ""
-    assert questions(replaced([7], 10.0), periodic=False) == ""
+def test_several_channels_are_told_and_each_once() -> None:
+    channels = {name: replaced([5], 10.0).reshape(PERIODS, -1) for name in ("y", "z")}
+    found, _ = find_wrong_samples([Segment(1e-3, channels, LINES)] * 2, {"y": "m", "z": "m"})
+    assert [each.place for each in found] == ["'y', sample 6 of period 1", "'z', sample 6 of period 1"]
 
 
 @pytest.mark.parametrize(("value", "do_harm"), [(2.0, False), (300.0, True)])
@@ -115,61 +115,59 @@ def test_what_hardly_changes_a_response_does_no_harm(value: float, do_harm: bool
     y = SINE.copy()
     y[1234] = value
     segment = Segment(1e-3, {"y": y.reshape(PERIODS, -1)}, np.array([1]))
-    found = wrong_sample_questions([segment], {"y": "m"})
-    assert found.text
-    assert found.do_harm is do_harm
+    found, harms = find_wrong_samples([segment], {"y": "m"})
+    assert found
+    assert harms is do_harm
     without, with_it = (np.fft.fft(of.reshape(PERIODS, -1).mean(axis=0))[1] for of in (SINE, y))
     assert bool(abs(with_it / without - 1) > 0.01) is do_harm
 
 
-@pytest.mark.parametrize(("start", "length"), [(2300, 120), (3500, 700), (2500, 1500), (200, 300), (5800, 200)])
-def test_a_frozen_signal_is_questioned(start: int, length: int) -> None:
-    said = questions(replaced(slice(start, start + length), WAVE[start]))
-    assert f" for {length * 1e-3:.3g} s from sample {start % SAMPLES + 1} of period {start // SAMPLES + 1} on" in said
+@pytest.mark.parametrize(("start", "length"), [(2300, 120), (3500, 700), (2500, 1500), (200, 300), (5800, 150)])
+def test_a_lost_signal_is_found(start: int, length: int) -> None:
+    (found,) = found_in(replaced(slice(start, start + length), WAVE[start]))
+    assert (found.kind, found.quantities[-1].value) == ("lost signal", length)
+    assert found.place == f"'y', sample {start % SAMPLES + 1} of period {start // SAMPLES + 1}"
 
 
 @pytest.mark.parametrize("level", [0.5, 0.7, 0.9])
 @pytest.mark.parametrize("step", [1e-9, 1e-3, 0.005])
-def test_a_clipped_motion_is_questioned(level: float, step: float) -> None:
+def test_a_clipped_motion_is_found(level: float, step: float) -> None:
     top = level * np.abs(WAVE).max()
     y = np.clip(np.round(WAVE / step) * step + 1e-9 * NOISE, -top, top)
-    said = questions(y)
-    assert f"{top:.3g} rad, " in said
-    assert "is it clipped? record with a larger range" in said
-    assert said.startswith("'y' stands at ")
-    assert questions(y, unit="N") == ""
-    assert questions(y, name="u") == "", "commands are limited on purpose"
+    (found,) = found_in(y)
+    assert found.kind == "clipped"
+    assert {abs(each.value) for each in found.quantities} == {top}
+    assert kinds(y, unit="N") == kinds(y, name="u") == [], "commands are limited on purpose"
 
 
 @pytest.mark.parametrize("lower", [-np.inf, -0.6])
 def test_one_limit_is_enough(lower: float) -> None:
-    said = "stands at -0.6 and 0.5" if lower == -0.6 else "stands at 0.5"
-    assert said in questions(np.clip(SINE + 1e-6 * NOISE, lower, 0.5))
+    (found,) = found_in(np.clip(SINE + 1e-6 * NOISE, lower, 0.5))
+    assert [each.value for each in found.quantities] == ([-0.6, 0.5] if lower == -0.6 else [0.5])
 
 
 @pytest.mark.parametrize("level", [0.5, 0.97, 0.99])
-def test_a_wave_that_is_clipped_near_its_top_is_questioned(level: float) -> None:
+def test_a_wave_that_is_clipped_near_its_top_is_found(level: float) -> None:
     """It slows down before, but is as fast as many changes from step to step when it stops."""
     flat = flat_wave(1, 0.08)
-    assert "is it clipped" in questions(np.clip(np.round(flat, 5), -np.inf, level * flat.max()))
+    assert kinds(np.clip(np.round(flat, 5), -np.inf, level * flat.max())) == ["clipped"]
 
 
 @pytest.mark.parametrize("modulus", [2 * np.pi, 1.0, 65536 / 10430.378])
 @pytest.mark.parametrize("speed", [0.0, 0.6, -3.0])
 @pytest.mark.parametrize("periodic", [True, False])
-def test_an_angle_that_wraps_is_questioned(modulus: float, speed: float, periodic: bool) -> None:
+def test_an_angle_that_wraps_is_found(modulus: float, speed: float, periodic: bool) -> None:
     angle = np.mod(0.2 * SMOOTH + modulus * speed * TIME + 1e-5 * NOISE, modulus)
-    said = questions(angle, periodic=periodic)
-    assert "jumps by nearly its whole range" in said
-    assert "unwrap the column before the import" in said
-    assert "wraps" not in questions(np.unwrap(angle, period=modulus), periodic=periodic)
-    assert "wraps" not in questions(angle, unit="N", periodic=periodic), "a sawtooth of a force"
+    assert kinds(angle, periodic=periodic) == ["wraps"]
+    assert "wraps" not in kinds(np.unwrap(angle, period=modulus), periodic=periodic)
+    assert "wraps" not in kinds(angle, unit="N", periodic=periodic), "a sawtooth of a force"
 
 
 def test_one_wrap_of_a_whole_turn_is_enough() -> None:
     angle = 0.2 * SMOOTH + TIME + 1
-    assert "once, after sample" in questions(np.mod(angle, 2 * np.pi))
-    assert "wraps" not in questions(np.mod(angle, 4.0))
+    (found,) = found_in(np.mod(angle, 2 * np.pi))
+    assert (found.kind, found.quantities[-1].value) == ("wraps", 1)
+    assert "wraps" not in kinds(np.mod(angle, 4.0))
 
 
 @pytest.mark.parametrize("speed", [0.1, -6.0])
