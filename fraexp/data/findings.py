@@ -133,6 +133,11 @@ KINDS: Mapping[str, Kind] = {
         "an encoder within a turn, or a counter",
         "unwrap the column before the import",
     ),
+    "wrong column": Kind(
+        "a column is not what it is said to be",
+        "another unit, gain or sign, a delay, swapped columns, or another controller than the study's",
+        "correct record.channels or record.controller",
+    ),
     REMARK: Kind("", "what is particular to an estimator or a record", "as the message says"),
 }
 """All kinds of findings by their names; `docs/troubleshooting.md` lists them."""

@@ -22,8 +22,7 @@ from fraexp.measurement.measurement_plan import PlannedPoint
 from fraexp.measurement.motion_guard import LimitExceededError, RunawayError
 from fraexp.measurement.watched_machine import WatchedMachine
 from fraexp.records.column_doubts import fault_finding
-from fraexp.records.loop_equation import FaultKind
-from fraexp.records.played_records import LoopController, judge_play
+from fraexp.records.loop_equation import FaultKind, LoopController, judge_play
 from fraexp.simulation.experiments import ExperimentPlan
 from fraexp.simulation.motion_limits import Demand
 
@@ -293,7 +292,7 @@ class PointMeasurement:
         if fault is None:
             return ""
         remedy = COMPENSATION_REMEDY if fault.kind is FaultKind.COMPENSATION else CHANNEL_REMEDY
-        return f"{fault_finding(fault, units)}; {remedy}"
+        return str(replace(fault_finding(fault, units), remedy=remedy))
 
     def _progress(self) -> PointProgress:
         guard, settled = self._guard, self._monitor.is_settled

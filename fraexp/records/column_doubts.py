@@ -1,4 +1,4 @@
-"""Doubts about the columns of a record whose excitation is known, in words: what they are instead, and the remedy."""
+"""Doubts about the columns of a record whose excitation is known: what they are instead, and the remedy."""
 
 from collections.abc import Mapping, Sequence
 
@@ -6,11 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.analysis.fourier import line_amplitude
+from fraexp.data.findings import Finding, Quantity
 from fraexp.data.signals import Segment
 from fraexp.records.cutting import Cut
-from fraexp.records.loop_equation import FaultKind, LoopFault
-from fraexp.records.played_records import LoopController, judge_columns
+from fraexp.records.loop_equation import FaultKind, LoopController, LoopFault, judge_columns
 
+WRONG = "wrong column"
+"""Kind of all findings of this module."""
 TRUSTED = {"N": (1 / 1.4, 1.4), "m": (1 / 300, 10.0)}
 TRUSTED |= {"N m": TRUSTED["N"], "rad": TRUSTED["m"]}
 """Amplitude over the predicted one, in the median of all segments, within which a channel of a unit is not in doubt.
@@ -26,37 +28,35 @@ UNIT_RATIO = {"N": 1.4, "m": 3.0, "N m": 1.4, "rad": 1.7}
 """Ratio to such a factor, either way, up to which the unit is named."""
 
 
-def prediction_doubt(
+def prediction_doubts(
     segments: Sequence[Segment], expected: Sequence[Mapping[str, float]], units: Mapping[str, str]
-) -> str:
-    """Return what contradicts the prediction with which the excitation was written, in a line; empty if nothing does.
+) -> tuple[Finding, ...]:
+    """Return what contradicts the prediction with which the excitation was written; empty if nothing does.
 
     `expected` has the amplitude of channels at the excited lines of each segment; none where nothing was predicted.
     """
     predicted = {name for of in expected for name in of if units.get(name) in TRUSTED}
     ratios = {name: _median_ratio(segments, expected, name, name) for name in sorted(predicted)}
     doubts = [name for name, ratio in ratios.items() if ratio and not _is_trusted(ratio, units[name])]
-    if not doubts:
-        return ""
-    if len(predicted) == 2:
+    if doubts and len(predicted) == 2:
         first, second = sorted(predicted)
         crossed = [_median_ratio(segments, expected, *pair) for pair in ((first, second), (second, first))]
         if all(_is_trusted(ratio, units[name]) for ratio, name in zip(crossed, (second, first), strict=True)):
-            return (
+            text = (
                 f"'{first}' and '{second}' have the amplitudes that were predicted of each other when the excitation "
-                "was written: their columns are swapped? exchange them in record.channels"
+                "was written, as if their columns were swapped"
             )
-    return "; ".join(_question(name, ratios[name], units[name]) for name in doubts)
+            return (Finding(WRONG, text=text, remedy="exchange them in record.channels"),)
+    return tuple(_unlike_prediction(name, ratios[name], units[name]) for name in doubts)
 
 
-def _question(name: str, ratio: float, unit: str) -> str:
+def _unlike_prediction(name: str, ratio: float, unit: str) -> Finding:
     near = [other for factor, other in FACTORS[unit].items() if abs(np.log(ratio / factor)) < np.log(UNIT_RATIO[unit])]
-    guess = f"in {near[0]}" if near else "in another unit, such as counts or percent, or was another gain played"
-    remedy = f'"{name} [{near[0]}]"' if near else f'"{name} * {1 / ratio:.3g} [{unit}]"'
-    return (
-        f"'{name}' has {ratio:,.4g} times the amplitude that was predicted when the excitation was written: is its "
-        f"column {guess}? if so, state it, such as record.channels.{name} = {remedy}"
-    )
+    guess = f"in {near[0]}" if near else "in another unit, such as counts or percent, or another gain was played"
+    column = f'"{name} [{near[0]}]"' if near else f'"{name} * {1 / ratio:.3g} [{unit}]"'
+    text = f"'{name}' has not the amplitude that was predicted with the excitation, as if its column were {guess}"
+    remedy = f"if so, state it, such as record.channels.{name} = {column}"
+    return Finding(WRONG, (Quantity(ratio, "1", "amplitude over the predicted one"),), text=text, remedy=remedy)
 
 
 def _median_ratio(
@@ -82,32 +82,33 @@ LOOP_UNITS = (("N", "m"), ("N m", "rad"))
 """Units of control input and position in which controllers count."""
 
 
-def column_doubt(
+def column_doubts(
     segments: Sequence[Segment],
     cuts: Sequence[Cut],
     units: Mapping[str, str],
     controller: Sequence[Sequence[float]] | None,
-) -> str:
-    """Return what is wrong with the columns of a record that was played, in a line; empty if nothing is.
+) -> tuple[Finding, ...]:
+    """Return what is wrong with the columns of a record that was played; empty if nothing is.
 
     Where the controller is known, what it answers to the position is looked for in the control input. That says more
     than amplitudes that were predicted, which count where it says nothing.
     """
     predicted = [cut.expected for cut in cuts]
     if controller is None or (units.get("u"), units.get("y")) not in LOOP_UNITS:
-        return prediction_doubt(segments, predicted, units)
+        return prediction_doubts(segments, predicted, units)
     known = LoopController(*(np.array(part) for part in controller))
     verdict = judge_columns(segments, [cut.excitation for cut in cuts], known)
+    own = (fault_finding(verdict.fault, units),) if verdict.fault else ()
     if verdict.fault is not None and verdict.fault.kind is not FaultKind.UNKNOWN:
-        return fault_text(verdict.fault, units)
+        return own
     if verdict.fault is not None and (limit := _saturation([segment.channels["u"] for segment in segments])):
-        force = units["u"]
-        return (
-            f"'u' stays at {limit:.4g} {force} and at {-limit:.4g} {force} for a part of the time, and is not the "
-            "excitation minus what the controller makes of 'y': the drive is at its limit; lower excitation.amplitude"
+        text = (
+            "'u' stays at either limit for a part of the time, and is not the excitation minus what the controller "
+            "makes of 'y': the drive is at its limit"
         )
-    doubt = "" if verdict.is_shown else prediction_doubt(segments, predicted, units)
-    return doubt or (fault_text(verdict.fault, units) if verdict.fault else "")
+        limits = (Quantity(limit, units["u"], "limits ±"),)
+        return (Finding(WRONG, limits, text=text, remedy="lower excitation.amplitude"),)
+    return (() if verdict.is_shown else prediction_doubts(segments, predicted, units)) or own
 
 
 def _saturation(inputs: Sequence[NDArray[np.float64]]) -> float:
@@ -118,23 +119,19 @@ def _saturation(inputs: Sequence[NDArray[np.float64]]) -> float:
     return limit if min(shares) > SATURATED_SHARE else 0.0
 
 
-def fault_text(fault: LoopFault, units: Mapping[str, str]) -> str:
-    """Return what was found in the columns of a record, and the remedy, in a line."""
-    return f"{fault_finding(fault, units)}: {_remedy(fault, units)}"
-
-
-def fault_finding(fault: LoopFault, units: Mapping[str, str]) -> str:
-    """Return what was found in the columns."""
+def fault_finding(fault: LoopFault, units: Mapping[str, str]) -> Finding:
+    """Return what was found in the columns of a record, and the remedy."""
     if fault.kind in FACTORED:
         name, right = FACTORED[fault.kind]
-        if _is_opposite(fault):
-            return f"'{name}' has the opposite sign of {right}"
         unit = _unit(fault, units)
-        return f"'{name}' is {fault.factor:,.4g} times {right}{f', as if its column were in {unit}' if unit else ''}"
-    if fault.samples:
+        text = f"'{name}' is {fault.factor:,.4g} times {right}{f', as if its column were in {unit}' if unit else ''}"
+        text = f"'{name}' has the opposite sign of {right}" if _is_opposite(fault) else text
+    elif fault.samples:
         size, time = abs(fault.samples), "late" if fault.samples > 0 else "early"
-        return f"{DELAYED[fault.kind]} {size:,} sample{'' if size == 1 else 's'} {time}"
-    return TEXTS[fault.kind][0].format(factor=fault.factor, unit=units["u"])
+        text = f"{DELAYED[fault.kind]} {size:,} sample{'' if size == 1 else 's'} {time}"
+    else:
+        text = TEXTS[fault.kind][0].format(factor=fault.factor, unit=units["u"])
+    return Finding(WRONG, text=text, remedy=_remedy(fault, units))
 
 
 def _remedy(fault: LoopFault, units: Mapping[str, str]) -> str:

@@ -26,7 +26,7 @@ from fraexp.data.sweep import Plain
 from fraexp.errors import ParameterError, RecordError, did_you_mean
 from fraexp.records.channels import Channel
 from fraexp.records.clocks import ColumnReader
-from fraexp.records.column_doubts import column_doubt
+from fraexp.records.column_doubts import column_doubts
 from fraexp.records.cutting import (
     Cut,
     find_steps,
@@ -407,7 +407,7 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
         found += [_load_segment(Cut.from_plain(plain), values, part["channels"], path) for plain in own]
     units = {name: str(channel["unit"]) for name, channel in parts[0]["channels"].items()}
     wrong, do_harm = find_wrong_samples(found, units)
-    unexpected = column_doubt(found, cuts, units, record.get("controller"))
+    unexpected = column_doubts(found, cuts, units, record.get("controller"))
     are_doubtful = bool(unexpected) or any(2 * cut.doubtful > len(cut.lines) for cut in cuts)
     unsettled = sum(cut.settled is False for cut in cuts)
     moving = f"{unsettled} of {len(cuts)} segments were not yet periodic when they were recorded" if unsettled else ""
@@ -415,8 +415,8 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
     outcome = Outcome.NOT_SETTLED if unsettled else outcome
     still = _standstill_text(found, units)
     outcome = Outcome.NO_MOTION if still else outcome
-    texts = (still, moving, unexpected, *messages, unit_questions(found, units))
-    return Signals(tuple(found), units, outcome, (*remarks(*texts), *wrong))
+    findings = remarks(still, moving, *unexpected, *messages, unit_questions(found, units), *wrong)
+    return Signals(tuple(found), units, outcome, findings)
 
 
 def _standstill_text(segments: Sequence[Segment], units: Mapping[str, str]) -> str:

@@ -109,11 +109,12 @@ class _Motion:
         return Finding(kind, quantities, place=f"sample {within + 1} of period {period + 1}")
 
     def spikes(self) -> WrongSamples | None:
-        """Return single samples that leap away from both neighbours, wherever they are in a period."""
-        if self._channel.size < MIN_RUN_SAMPLES:
-            return None
-        first, last = self._channel[:2], self._channel[-2:]
-        around = np.concatenate([[2 * first[1] - self._channel[2]], self._channel, [2 * last[0] - self._channel[-3]]])
+        """Return single samples that leap away from both neighbours, wherever they are in a period.
+
+        The first and the last sample have those at the other end of their period as neighbours.
+        """
+        before_first, after_last = self._channel[self._samples - 1], self._channel[-self._samples]
+        around = np.concatenate([[before_first], self._channel, [after_last]])
         before, after = self._channel - around[:-2], self._channel - around[2:]
         height = np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
         low, high = np.quantile(self._channel, (1 - USUAL_SHARE, USUAL_SHARE))

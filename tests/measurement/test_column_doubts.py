@@ -77,13 +77,13 @@ def test_a_wrong_column_is_named(played: Played, name: str) -> None:
 def test_a_likely_gain_of_the_controller_comes_before_one_of_the_position(played: Played) -> None:
     found = played.message(played.u, 1.5 * played.y)
     assert re.search(
-        r"^'y' is 1\.5 times .*: correct record\.controller if its gain is 0\.6667 .* if 'y' is wrong", found
+        r"^'y' is 1\.5 times .*; correct record\.controller if its gain is 0\.6667 .* if 'y' is wrong", found
     )
 
 
 def test_a_drive_at_its_limit_is_named(played: Played) -> None:
     found = played.message(np.clip(played.u, -20, 20), played.y)
-    assert re.search("^'u' stays at 20 N and at -20 N .* the drive is at its limit; lower excitation.amplitude", found)
+    assert re.search("the drive is at its limit: limits ± 20 N; lower excitation.amplitude", found)
 
 
 @pytest.mark.parametrize("name", RIGHT)
@@ -94,7 +94,7 @@ def test_a_right_record_is_not_doubted(played: Played, name: str) -> None:
 def test_an_excitation_that_came_weaker_does_no_harm_and_another_one_is_named(played: Played) -> None:
     assert not played.message(*played.recorded(0.9 * played.excitation))
     found = played.message(*played.recorded(0.5 * played.excitation))
-    assert found.startswith("'u' has 0.5 times the excitation that was written: correct gain and sign of the output")
+    assert found.startswith("'u' has 0.5 times the excitation that was written; correct gain and sign of the output")
 
 
 def test_another_controller_is_said_to_be_another_one(played: Played) -> None:

@@ -191,24 +191,15 @@ def test_a_played_excitation_comes_back_by_the_name_of_its_record(
 
 
 WRONG_RECORDS = {
-    "swapped": (
-        lambda u, y: (y, u),
-        r"^'u' and 'y' have the amplitudes that were predicted of each other .* swapped\?",
-    ),
-    "mm": (
-        lambda u, y: (u, 1e3 * y),
-        r"^'y' has [\d,]+ times .* in mm\? if so, state it, .*channels\.y = \"y \[mm\]\"$",
-    ),
-    "counts": (lambda u, y: (u, y / 2e-8), r"^'y' has \S+e\+07 times .* such as counts or percent, .*\? if so"),
-    "percent": (
-        lambda u, y: (u / 1.5, y),
-        r"^'u' has 0\.6\d+ times .* percent, .* such as record.channels.u = \"u \* 1\.\d+",
-    ),
-    "kN": (lambda u, y: (u / 1e3, y), r"^'u' has 0\.00\d+ times .* column in kN\?"),
-    "right": (lambda u, y: (u, y), "^$"),
-    "y with a sign": (lambda u, y: (u, -y), "^$"),
+    "swapped": (lambda u, y: (y, u), "exchange them in record.channels"),
+    "mm": (lambda u, y: (u, 1e3 * y), r"channels\.y = \"y \[mm\]\"$"),
+    "counts": (lambda u, y: (u, y / 2e-8), r"channels\.y = \"y \* \S+ \[m\]\"$"),
+    "percent": (lambda u, y: (u / 1.5, y), r"channels\.u = \"u \* 1\.\d+ \[N\]"),
+    "kN": (lambda u, y: (u / 1e3, y), r"channels\.u = \"u \[kN\]"),
+    "right": (lambda u, y: (u, y), ""),
+    "y with a sign": (lambda u, y: (u, -y), ""),
 }
-"""Columns of a record that came back, by what has happened to them, and what is said of them."""
+"""Columns of a record that came back, by what has happened to them, and the remedy."""
 
 
 def test_columns_of_a_played_excitation_are_compared_with_what_was_predicted(
@@ -219,11 +210,13 @@ def test_columns_of_a_played_excitation_are_compared_with_what_was_predicted(
     del content["record"]["controller"]  # of which nothing else is known
     settings = RecordSettings.parse(content["record"], "record")
     played = record(workspace, table.columns()["excitation"])
-    for name, (change, message) in WRONG_RECORDS.items():
+    for name, (change, remedy) in WRONG_RECORDS.items():
         columns = np.array(change(played["u"], played["y"])).T
         np.savetxt(file, columns, delimiter=",", header="u,y", comments="", fmt="%.17g")
         signals = records.load(
             *records.resolve(settings, file.parent / "studies", workspace.registry), workspace.registry
         )
-        assert re.search(message, signals.message), (name, signals.message)
-        assert signals.outcome is (Outcome.OK if message == "^$" else Outcome.INACCURATE), name
+        wrong = [found for found in signals.findings if found.kind == "wrong column"]
+        assert bool(wrong) is bool(remedy), name
+        assert all(re.search(remedy, found.remedy) for found in wrong), (name, signals.message)
+        assert signals.outcome is (Outcome.INACCURATE if remedy else Outcome.OK), name
