@@ -133,6 +133,17 @@ KINDS: Mapping[str, Kind] = {
         "an encoder within a turn, or a counter",
         "unwrap the column before the import",
     ),
+    "implausible unit": Kind(
+        "no machine has such values",
+        "a wrong unit, gain or scale of a column",
+        "correct unit and gain in record.channels",
+    ),
+    "doubtful lines": Kind(
+        "far weaker in the input than the lines beside them, as friction and feedback make them",
+        "a controller's input also contains what friction has made",
+        "give the injected signal as channel 'reference' or 'excitation', or give harmonics, or min_frequency and "
+        "max_frequency",
+    ),
     "wrong column": Kind(
         "a column is not what it is said to be",
         "another unit, gain or sign, a delay, swapped columns, or another controller than the study's",

@@ -1,11 +1,13 @@
 """Doubts about the columns of a record whose excitation is known: what they are instead, and the remedy."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.analysis.fourier import line_amplitude
+from fraexp.analysis.fourier import line_amplitude, phasors
 from fraexp.data.findings import Finding, Quantity
 from fraexp.data.signals import Segment
 from fraexp.records.cutting import Cut
@@ -206,3 +208,51 @@ TEXTS = {
     ),
 }
 """What else was found, and the remedy."""
+
+
+class Plausible(NamedTuple):
+    """Bounds of a quantity beyond which its unit is questioned."""
+
+    least: float
+    most: float
+
+
+SPANS = {
+    "m": Plausible(1e-12, 20.0),
+    "m/s": Plausible(0.0, 100.0),
+    "m/s**2": Plausible(0.0, 1e5),
+    "N": Plausible(0.0, 1e7),
+    "N m": Plausible(0.0, 1e7),
+}
+"""Peak to peak values of channels by unit."""
+INERTIAS = {
+    ("N", "m"): ("mass", "kg", Plausible(1e-9, 2e4)),
+    ("N m", "rad"): ("inertia", "kg m²", Plausible(1e-12, 1e5)),
+}
+"""Apparent inertia |U/(ω² Y)| by the units of input and output."""
+
+
+def implausible_units(segments: Sequence[Segment], units: Mapping[str, str]) -> Iterator[Finding]:
+    """Yield channels whose span, or whose ratio to another, no machine has: their units or gains are wrong."""
+    for name, unit in units.items():
+        span = max(float(np.ptp(segment.channels[name])) for segment in segments)
+        if unit in SPANS and span and not SPANS[unit].least <= span <= SPANS[unit].most:
+            yield Finding("implausible unit", (Quantity(span, unit, "span"),), place=f"'{name}'")
+    for one, other in product(units, units):
+        if (units[one], units[other]) in INERTIAS and all(segment.periodic for segment in segments):
+            what, unit, plausible = INERTIAS[units[one], units[other]]
+            found = _apparent_inertias(segments, one, other)
+            if found.size and (found.min() > plausible.most or found.max() < plausible.least):
+                value = float(found.min() if found.min() > plausible.most else found.max())
+                inertia = Quantity(value, unit, f"apparent {what}")
+                yield Finding("implausible unit", (inertia,), place=f"'{one}' over '{other}'")
+
+
+def _apparent_inertias(segments: Sequence[Segment], force: str, position: str) -> NDArray[np.float64]:
+    """Return |U/(ω² Y)| at all lines at which the position moves, shape (n,)."""
+    parts = []
+    for segment in segments:
+        u, y = (np.abs(phasors(segment, name).mean(axis=0)) for name in (force, position))
+        moves = (y > 0) & (u > 0)
+        parts.append(u[moves] / (y * (2 * np.pi * segment.frequency) ** 2)[moves])
+    return np.concatenate(parts)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.data.findings import Finding, Quantity
 from fraexp.records.cutting import Cut
 
 SIGNIFICANCE_RATIO = 20.0
@@ -151,22 +152,11 @@ def line_power(blocks: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(amplitude**2 > SIGNIFICANCE_RATIO * scatter, amplitude**2, 0.0)
 
 
-def describe_doubts(cuts: Sequence[Cut]) -> str:
-    """Return a sentence about lines that may not be excited; empty if there is no doubt."""
-    remedy = (
-        "give the injected signal as channel 'reference' or 'excitation', or give harmonics, or min_frequency and "
-        "max_frequency"
-    )
+def find_doubtful_lines(cuts: Sequence[Cut]) -> Finding | None:
+    """Return how many lines may not be excited; None if there is no doubt."""
     worst = max(cuts, key=lambda cut: (cut.left_out, cut.doubtful))
-    if worst.left_out:
-        return (
-            f"{worst.left_out} of the {worst.left_out + len(worst.lines)} lines that stand out of the input's noise "
-            "are left out: they are far weaker than those beside them, as friction and feedback make them; some of the "
-            f"others may be such too: {remedy}"
-        )
-    if worst.doubtful:
-        return (
-            f"{worst.doubtful} of the {len(worst.lines)} lines are far weaker in the input than the others, and "
-            f"friction or feedback may have made them: {remedy}"
-        )
-    return ""
+    count = worst.left_out or worst.doubtful
+    if not count:
+        return None
+    left_out = Quantity(float(worst.left_out), "1", "left out")
+    return Finding("doubtful lines", (left_out,), place=f"{count} of {worst.left_out + len(worst.lines)} lines")

@@ -4,20 +4,17 @@ import itertools
 import math
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.analysis.fourier import phasors
 from fraexp.analysis.quantisation import moves_visibly
 from fraexp.components.kinds import Controller, RecordReader
 from fraexp.components.registry import Registry, create
-from fraexp.data.findings import remarks
+from fraexp.data.findings import Finding, remarks
 from fraexp.data.identity import file_hash
 from fraexp.data.record_table import RecordTable
 from fraexp.data.results import Outcome
@@ -26,7 +23,7 @@ from fraexp.data.sweep import Plain
 from fraexp.errors import ParameterError, RecordError, did_you_mean
 from fraexp.records.channels import Channel
 from fraexp.records.clocks import ColumnReader
-from fraexp.records.column_doubts import column_doubts
+from fraexp.records.column_doubts import column_doubts, implausible_units
 from fraexp.records.cutting import (
     Cut,
     find_steps,
@@ -41,7 +38,7 @@ from fraexp.records.excited import (
     ROUNDING_RATIO,
     SIGNIFICANCE_RATIO,
     ExcitedLines,
-    describe_doubts,
+    find_doubtful_lines,
     find_excited_lines,
     find_injected_lines,
     line_power,
@@ -391,7 +388,7 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
         return load_response(record, read_columns(reader, path, columns), path)
     found: list[Segment] = []
     cuts = [Cut.from_plain(plain) for plain in record["segments"]]
-    messages = [describe_doubts(cuts)]
+    messages: list[Finding | str | None] = [find_doubtful_lines(cuts)]
     highest = max(max(plain["lines"]) / (plain["samples"] * plain["sample_time"]) for plain in record["segments"])
     for number, part in enumerate(parts):
         hashes = (part["hash"], *part.get("joined", ()))
@@ -410,23 +407,32 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
     unexpected = column_doubts(found, cuts, units, record.get("controller"))
     are_doubtful = bool(unexpected) or any(2 * cut.doubtful > len(cut.lines) for cut in cuts)
     unsettled = sum(cut.settled is False for cut in cuts)
-    moving = f"{unsettled} of {len(cuts)} segments were not yet periodic when they were recorded" if unsettled else ""
+    moving = (
+        Finding(
+            "not periodic",
+            place=f"{unsettled} of {len(cuts)} segments",
+            remedy="ignore the marked points, or measure for longer",
+        )
+        if unsettled
+        else None
+    )
     outcome = Outcome.INACCURATE if do_harm or are_doubtful else Outcome.OK
     outcome = Outcome.NOT_SETTLED if unsettled else outcome
-    still = _standstill_text(found, units)
+    still = _standstill(found, units)
     outcome = Outcome.NO_MOTION if still else outcome
-    findings = remarks(still, moving, *unexpected, *messages, unit_questions(found, units), *wrong)
+    findings = remarks(still, moving, *unexpected, *messages, *implausible_units(found, units), *wrong)
     return Signals(tuple(found), units, outcome, findings)
 
 
-def _standstill_text(segments: Sequence[Segment], units: Mapping[str, str]) -> str:
-    """Return that no position moves at the excited frequencies; empty if one does, or if there is none."""
+def _standstill(segments: Sequence[Segment], units: Mapping[str, str]) -> Finding | None:
+    """Return that no position moves at the excited frequencies; None if one does, or if there is none."""
     positions = [name for name, unit in units.items() if unit in POSITION_UNITS]
     if not positions or not all(segment.periodic for segment in segments):
-        return ""
+        return None
     if any(moves_visibly(segments, name) for name in positions):
-        return ""
-    return f"the axis does not move: {' and '.join(positions)} shows nothing but noise at the excited frequencies"
+        return None
+    text = "the axis does not move: nothing but noise at the excited frequencies"
+    return Finding("no motion", place=" and ".join(positions), text=text)
 
 
 def _load_segment(
@@ -627,63 +633,3 @@ def _missing_period_error(ways: list[str], channel: NDArray[np.float64], rate: f
         "steps or frequency_column (--frequency) of a stepped sine; or periodic = false (--aperiodic) if it "
         "does not repeat itself"
     )
-
-
-class Plausible(NamedTuple):
-    """Bounds of a quantity beyond which its unit is questioned."""
-
-    least: float
-    most: float
-
-
-SPANS = {
-    "m": Plausible(1e-12, 20.0),
-    "m/s": Plausible(0.0, 100.0),
-    "m/s**2": Plausible(0.0, 1e5),
-    "N": Plausible(0.0, 1e7),
-    "N m": Plausible(0.0, 1e7),
-}
-"""Peak to peak values of channels by unit."""
-INERTIAS = {
-    ("N", "m"): ("mass", "kg", Plausible(1e-9, 2e4)),
-    ("N m", "rad"): ("inertia", "kg m²", Plausible(1e-12, 1e5)),
-}
-"""Apparent inertia |U/(ω² Y)| by the units of input and output."""
-
-
-def unit_questions(segments: Sequence[Segment], units: Mapping[str, str]) -> str:
-    """Return questions about the units of channels, in one line; empty if all values are plausible."""
-    return "; ".join([*_span_questions(segments, units), *_inertia_questions(segments, units)])
-
-
-def _span_questions(segments: Sequence[Segment], units: Mapping[str, str]) -> Iterator[str]:
-    for name, unit in units.items():
-        span = max(float(np.ptp(segment.channels[name])) for segment in segments)
-        if unit in SPANS and span and not SPANS[unit].least <= span <= SPANS[unit].most:
-            yield f"'{name}' spans {span:.3g} {unit}: are its unit and gain right?"
-
-
-def _inertia_questions(segments: Sequence[Segment], units: Mapping[str, str]) -> Iterator[str]:
-    for one, other in product(units, units):
-        if (units[one], units[other]) in INERTIAS and all(segment.periodic for segment in segments):
-            what, unit, plausible = INERTIAS[units[one], units[other]]
-            found = _apparent_inertias(segments, one, other)
-            if not found.size:
-                continue
-            low, high = float(found.min()), float(found.max())
-            if low > plausible.most or high < plausible.least:
-                value = low if low > plausible.most else high
-                yield (
-                    f"'{one}' over '{other}' is an apparent {what} of {value:.3g} {unit} or "
-                    f"{'more' if value == low else 'less'}: are their units and gains right?"
-                )
-
-
-def _apparent_inertias(segments: Sequence[Segment], force: str, position: str) -> NDArray[np.float64]:
-    """Return |U/(ω² Y)| at all lines at which the position moves, shape (n,)."""
-    parts = []
-    for segment in segments:
-        u, y = (np.abs(phasors(segment, name).mean(axis=0)) for name in (force, position))
-        moves = (y > 0) & (u > 0)
-        parts.append(u[moves] / (y * (2 * np.pi * segment.frequency) ** 2)[moves])
-    return np.concatenate(parts)

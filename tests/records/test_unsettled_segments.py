@@ -19,4 +19,6 @@ def test_a_segment_that_had_not_settled_shows_in_the_outcome(
     both = [one, {**one, "start": 1000, "settled": settled}]
     signals = signals_of(segments=both, samples_per_period=None)
     assert signals.outcome is outcome
-    assert ("1 of 2 segments were not yet periodic" in signals.message) is not settled
+    assert [(of.kind, of.place) for of in signals.findings] == (
+        [] if settled else [("not periodic", "1 of 2 segments")]
+    )
