@@ -57,7 +57,6 @@ def test_the_tribometers_loops_give_force_width_and_energy(results, name):
     found = values(results[name])
     assert found["Coulomb force"] == pytest.approx(2.33, abs=0.05)
     assert found["presliding deflection"] == pytest.approx(58e-6, abs=3e-6)
-    assert found["energy per cycle, model"] == pytest.approx(found["energy per cycle"], rel=0.05)
     assert found["rms error, held-out cycles"] < 0.12
     assert "all sliding is at one speed" in results[name].message
 

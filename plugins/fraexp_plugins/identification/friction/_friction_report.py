@@ -9,7 +9,7 @@ from fraexp.api import Curve, Finding, Fit, Metric, Outcome, Quantity, Result, S
 from fraexp_plugins.friction._shared.element_model import ElementModel
 from fraexp_plugins.identification._shared.friction_curves import force_over_velocity, virgin_curve
 from fraexp_plugins.identification.friction._friction_fit import MAX_ERROR, FrictionFit
-from fraexp_plugins.identification.friction._friction_problem import TERM_UNITS
+from fraexp_plugins.identification.friction._friction_rows import TERM_UNITS
 
 MAX_RELATIVE_STD = 2.0
 """Relative standard deviation from which a parameter is not identifiable."""
@@ -113,6 +113,7 @@ def _metrics(fit: FrictionFit) -> Iterator[Metric]:
         yield from _with_interval("Coulomb force", "N", fit.coulomb_force, fit.quantile * std)
         yield Metric("presliding deflection", fit.coulomb_force / _stiffness(fit), "m")
         yield Metric("presliding stiffness", _stiffness(fit), "N/m")
+        yield Metric("elements", float(limits.sum()), "1")
     for number in fit.numbers:
         if not is_of_elements or number.name in TERM_UNITS:
             title = TITLES.get(number.name, number.name.replace("_", " "))
@@ -129,30 +130,11 @@ def _metrics(fit: FrictionFit) -> Iterator[Metric]:
         yield Metric("rms error, held-out cycles", fit.held_out_error, "N")
         yield Metric("rms error, held-out cycles, over the Coulomb force", fit.held_out_error / fit.coulomb_force, "1")
     yield Metric(fit.problem.observation.rows_name, float(sum(rows.force.size for rows in fit.rows)), "1")
-    if is_of_elements:
-        yield from _of_cycles(fit)
 
 
 def _with_interval(title: str, unit: str, value: float, half_width: float) -> Iterator[Metric]:
     yield Metric(title, value, unit)
     yield Metric(f"{title}, 95 %", half_width, unit)
-
-
-def _of_cycles(fit: FrictionFit) -> Iterator[Metric]:
-    """Yield the friction's work per cycle, measured and by the model, and how many elements and cycles there are."""
-    measured = model = 0.0
-    for rows, residual, record in zip(fit.rows, fit.residuals, fit.problem.records, strict=True):
-        duration = record.sample_time * float(np.diff(fit.problem.observation.samples(record)[:2])[0])
-        work, force = duration * rows.velocity, rows.force - _inertia(fit, rows.columns)
-        measured += float(np.add.reduce(work * force))
-        model += float(np.add.reduce(work * (force - residual)))
-    sizes = np.unique(np.concatenate([rows.cycle for rows in fit.rows]), return_counts=True)[1]
-    count = float(sizes.sum() / np.median(sizes))  # only a part of the first cycle may be known
-    yield Metric("energy per cycle", measured / count, "N m")
-    yield Metric("energy per cycle, model", model / count, "N m")
-    yield Metric("elements", float(sum(each.name.startswith("stiffness") for each in fit.numbers)), "1")
-    yield Metric("cycles fitted", float(fit.problem.cycles.size), "1")
-    yield Metric("cycles held out", float(fit.problem.held_out.size), "1")
 
 
 def _inertia(fit: FrictionFit, columns: NDArray[np.float64]) -> NDArray[np.float64]:

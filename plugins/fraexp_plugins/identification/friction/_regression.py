@@ -1,41 +1,19 @@
 """Least squares of rows: constrained, compressed, beside an unknown force along the stroke, and their covariance."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError
-from fraexp_plugins.identification.friction._friction_record import FrictionRecord
+from fraexp_plugins.identification.friction._friction_rows import FrictionRecord, Rows
 
 MIN_SINGULAR_VALUE = 1e-6
 """Singular value, relative to the largest, below which columns are linearly dependent."""
 LAG_WINDOW = 5.0
 """Lags, in correlation times, over which a residual's autocorrelation is summed (A. D. Sokal, 1997)."""
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Rows of a regression that a record gives: columns, left-hand side, and their place in the record."""
-
-    columns: NDArray[np.float64]
-    """Shape (rows, p): those of either sign first, then forces that are not negative."""
-    force: NDArray[np.float64]
-    """Shape (rows,) [N]."""
-    velocity: NDArray[np.float64]
-    """Shape (rows,) [m/s]."""
-    cycle: NDArray[np.int64]
-    """Shape (rows,)."""
-    time: NDArray[np.float64]
-    """Time of the middle of each row [s], shape (rows,)."""
-    place: NDArray[np.int64]
-    """Place among all rows of the record, shape (rows,)."""
-
-    def select(self, chosen: NDArray[np.bool_]) -> "Rows":
-        """Return some of the rows."""
-        return replace(self, **{each.name: getattr(self, each.name)[chosen] for each in fields(self)})
 
 
 class CompressedRows:

@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 
 from fraexp.api import Curve, Finding, FrictionModel, Metric, Outcome, RecordError, Result, Segment, Signals
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
-from fraexp_plugins.identification.whole_record._fitted_records import Fitted
 from fraexp_plugins.identification.whole_record._joint_fit import likely_noise
-from fraexp_plugins.identification.whole_record._machine_fit import joint_fit_from, predicted_ratios
+from fraexp_plugins.identification.whole_record._machine_fit import Fitted, joint_fit_from, predicted_ratios
 from fraexp_plugins.identification.whole_record._machine_problem import MachineProblem
-from fraexp_plugins.identification.whole_record._motion_fit import MotionFit, fits_along_motion
+from fraexp_plugins.identification.whole_record._motion_start import MotionFit, fits_along_motion
 
 HELD_OUT_STEP, FIRST_HELD_OUT, MIN_SEGMENTS = 4, 2, 8
 """Every fourth record is held out, from the third one on, and the fewest records of which some can be."""

@@ -1,27 +1,225 @@
-"""The fit of plant and friction to all records of an experiment, from starts along the measured motion."""
+"""The fit of plant and friction to all records of an experiment: where it begins, what it is when it ends."""
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Signals
-from fraexp_plugins.identification.whole_record._fitted_records import (
-    LAST_GAIN,
-    MAX_PLANT_RATIO,
-    Fitted,
-    along_directions,
-    evidence,
-    replay_error,
-    with_own_responses,
-    without_plant,
-)
-from fraexp_plugins.identification.whole_record._free_parameters import FreeParameters, nonzero_numbers
+from fraexp.api import FrictionModel, Signals
+from fraexp_plugins.identification._shared.law_numbers import scaled_friction
+from fraexp_plugins.identification.whole_record._free_parameters import FreeParameters, Models, nonzero_numbers
+from fraexp_plugins.identification.whole_record._joint_fit import Prior, interval_loss
 from fraexp_plugins.identification.whole_record._machine_problem import MachineProblem, replayed_record
-from fraexp_plugins.identification.whole_record._motion_fit import FRICTION_ERRORS, MotionFit, fits_along_motion
-from fraexp_plugins.identification.whole_record._observed_response import ObservedStart
-from fraexp_plugins.identification.whole_record._record_fit import MAX_STEPS, RecordFit, State
+from fraexp_plugins.identification.whole_record._motion_start import (
+    FRICTION_ERRORS,
+    MotionFit,
+    ObservedStart,
+    fits_along_motion,
+)
+from fraexp_plugins.identification.whole_record._record_fit import MAX_STEPS, LinearisedFit, RecordFit, State
+from fraexp_plugins.identification.whole_record._replayed_record import Trial, positions_of
 from fraexp_plugins.plants.modal import Modal
+
+STEPS_FACTOR = 4
+"""Factor on the steps of the finer replay."""
+REMAINING_SMOOTH, REMAINING_WITH_EVENTS = 2.0 / (STEPS_FACTOR**2 - 1), 1.0 / (STEPS_FACTOR - 1)
+"""Error of the finer replay over its difference to the coarser one: twice that of second order, and, for laws with
+events, which are not replayed in lanes, that of first order."""
+
+
+class ReplayError(NamedTuple):
+    """Changes by a finer replay, and how much of an error it leaves."""
+
+    shared_change: NDArray[np.float64]
+    """Those of the shared parameters, shape (p,)."""
+    inverse_change: tuple[NDArray[np.complex128], ...]
+    """Those of 1/P̂ of each record [N/m], shape (lines,) each."""
+    remaining: float
+    """Error that the finer replay may have, over the changes; NaN if it diverges, with changes of 0."""
+
+
+def replay_error(
+    fit: RecordFit, state: State, linear: LinearisedFit, shared: NDArray[np.float64] | None = None
+) -> ReplayError:
+    """Return how a finer replay changes parameters and 1/P̂: by one Newton step towards its greatest likelihood.
+
+    `shared` is the change of the prior of the shared parameters, to which the same replay leads.
+    """
+    finer = fit.with_more_steps(STEPS_FACTOR)
+    model = finer.free.applied_to(finer.start, state.shared)
+    trials = [Trial(record, model.replay, own) for record, own in zip(fit.records, state.own, strict=True)]
+    positions = positions_of(trials)
+    if not all(np.isfinite(position).all() for position in positions):
+        return ReplayError(np.zeros(state.shared.size), tuple(np.zeros_like(each) for each in linear.inverse), np.nan)
+    pairs = zip(linear.records, fit.records, state.own, positions, strict=True)
+    moved = [each._replace(residual=record.residual(own, position)) for each, record, own, position in pairs]
+    after = fit.newton_step(moved, np.zeros(state.shared.size) if shared is None else shared)
+    inverse = []
+    for place, (record, own, position) in enumerate(zip(fit.records, state.own, positions, strict=True)):
+        parameters = np.concatenate([after.shared, after.own[place]])
+        direct = record.inverse_response(model, own, position) - linear.inverse[place]
+        inverse.append(direct + linear.inverse_slopes[place] @ parameters)
+    is_smooth = all(friction.is_vectorisable for friction in model.replay.frictions.values())
+    return ReplayError(after.shared, tuple(inverse), REMAINING_SMOOTH if is_smooth else REMAINING_WITH_EVENTS)
+
+
+LAST_GAIN = 0.5
+"""Gain of the log-likelihood with which the last steps end."""
+MAX_PLANT_RATIO = 2.0
+"""Residual over what noise and rounding explain from which the plant may lack a mode."""
+MIN_INDEPENDENCE, DIRECTION_SIZES = 1e-3, (5e-4, 0.02)
+"""Least eigenvalue of the information of parameters in units of what each tells alone, below which they act alike, and
+the least and greatest changes of logarithms by which derivatives are taken then."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A fit, the state of greatest likelihood, and the records around it."""
+
+    fit: RecordFit
+    state: State
+    linear: LinearisedFit
+    error: ReplayError | None = None
+    """How the replay's steps falsify it; None for a fit that is no result."""
+
+    @property
+    def shared(self) -> NDArray[np.float64]:
+        """Logarithms of the shared factors, without the error of the replay's steps that is known, shape (p,)."""
+        return (
+            self.state.shared
+            if self.error is None
+            else self.fit.free.limit(self.state.shared + self.error.shared_change)
+        )
+
+    @property
+    def inverse(self) -> list[NDArray[np.complex128]]:
+        """1/P̂ of each record [N/m], likewise, shape (lines,) each."""
+        assert self.error is not None
+        return [a + b for a, b in zip(self.linear.inverse, self.error.inverse_change, strict=True)]
+
+    @property
+    def shared_error(self) -> NDArray[np.float64]:
+        """What the replay's steps may still falsify of the shared logarithms, shape (p,)."""
+        assert self.error is not None
+        return np.asarray(self.error.remaining * self.error.shared_change)
+
+    @property
+    def inverse_error(self) -> list[NDArray[np.float64]]:
+        """What they may still falsify of 1/P̂ of each record, relatively, shape (lines,) each."""
+        assert self.error is not None
+        pairs = zip(self.error.inverse_change, self.inverse, strict=True)
+        return [self.error.remaining * np.abs(change / inverse) for change, inverse in pairs]
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the replay's steps falsify most responses by less than samples leave open."""
+        covariances = np.concatenate(self.inverse_covariances)
+        std = np.sqrt(covariances[:, 0, 0] + covariances[:, 1, 1]) / np.abs(np.concatenate(self.inverse))
+        return float(np.median(np.concatenate(self.inverse_error) / std)) < 1
+
+    @cached_property
+    def covariances(self) -> tuple[NDArray[np.float64], ...]:
+        """Covariance of shared parameters and those of one record, for each, shape (p + m, p + m)."""
+        return self.fit.covariances(self.linear)
+
+    @cached_property
+    def inverse_covariances(self) -> list[NDArray[np.float64]]:
+        """Covariance of (real, imaginary) part of 1/P̂ of each record [N²/m²], shape (lines, 2, 2)."""
+        found = []
+        for slopes, covariance in zip(self.linear.inverse_slopes, self.covariances, strict=True):
+            parts = np.stack([slopes.real, slopes.imag], axis=1)
+            found.append(parts @ covariance @ parts.transpose(0, 2, 1))
+        return found
+
+    def with_noise(self, noise: float) -> "Fitted":
+        """Return the fit with another noise [m] in the likelihood, at its greatest; what is expected stays the same."""
+        expected = self.fit.noise if self.fit.expected_noise is None else self.fit.expected_noise
+        fit = replace(self.fit, noise=noise, expected_noise=expected)
+        state, linear = fit.converge(self.state, LAST_GAIN, known=self.linear)
+        return replace(self, fit=fit, state=state, linear=linear)
+
+    @property
+    def models(self) -> Models:
+        """Machine with the parameters that were found."""
+        return self.fit.free.applied_to(self.fit.start, self.shared)
+
+    @property
+    def friction(self) -> FrictionModel | None:
+        """Friction model that was found; None if the parameters of its law cannot express the scales."""
+        stroke = max(float(np.ptp(record.position)) for record in self.fit.records)
+        return scaled_friction(self.models.friction, self.fit.free.scales(self.shared), stroke)
+
+    @property
+    def ratios(self) -> NDArray[np.float64]:
+        """Residual of each record over what noise and rounding explain of it, shape (records,)."""
+        return self.fit.residual_ratios(self.linear)
+
+    @property
+    def mean_ratio(self) -> float:
+        """Geometric mean of the ratios: a few records with a leap do not decide."""
+        return float(np.exp(np.mean(np.log(self.ratios))))
+
+
+def evidence(fit: Fitted, other: Fitted) -> float:
+    """Return by how much records speak for a fit and against one with more parameters (Bayesian information criterion).
+
+    Both are to the same records; noise is as the other one has it.
+    """
+    loss, samples = 0.0, 0
+    for each, record in zip(fit.linear.records, other.linear.records, strict=True):
+        for residual, sign in ((each.residual, 1), (record.residual, -1)):
+            loss += sign * float(interval_loss(residual, record.resolution, record.std).value.sum())
+        samples += record.residual.size
+    return 0.5 * (other.state.shared.size - fit.state.shared.size) * float(np.log(samples)) - loss
+
+
+def along_directions(found: Fitted) -> Fitted:
+    """Return the fit with derivatives along the principal directions of its covariance, if parameters act alike.
+
+    The derivatives by two such parameters are nearly the same, and their errors, divided by the little that is left,
+    end a search anywhere in the valley that the likelihood has there, with a band that is too narrow.
+    """
+    if not found.mean_ratio < MAX_PLANT_RATIO or not found.state.shared.size:
+        return found
+    covariance = found.covariances[0][: found.state.shared.size, : found.state.shared.size]
+    information = np.linalg.inv(covariance)
+    scale = np.sqrt(np.diag(information))
+    if np.linalg.eigvalsh(information / np.outer(scale, scale))[0] > MIN_INDEPENDENCE:
+        return found
+    squares, directions = np.linalg.eigh(covariance)
+    sizes = np.clip(np.sqrt(np.maximum(squares, 0)), *DIRECTION_SIZES)
+    fit = replace(found.fit, directions=directions * sizes)
+    return Fitted(fit, *fit.converge(found.state, LAST_GAIN))
+
+
+def without_plant(
+    fit: RecordFit, shared: NDArray[np.float64], effective: Sequence[NDArray[np.complex128]], max_steps: int = MAX_STEPS
+) -> Fitted:
+    """Return the fit in which each record has its own response, at first the observer's: the plant may lack a mode."""
+    own = tuple(
+        record.parameters_for(each, fit.start.plant) for record, each in zip(fit.records, effective, strict=True)
+    )
+    return Fitted(fit, *fit.converge(State(shared, own), LAST_GAIN, max_steps))
+
+
+def with_own_responses(found: Fitted, max_steps: int = MAX_STEPS) -> Fitted:
+    """Return the fit in which each record has a response of its own; what all share stays that of the joint fit.
+
+    The joint fit is efficient: samples that told the shared parameters once would move them off it the second time.
+    """
+    covariance = found.covariances[0]
+    count = found.state.shared.size
+    information = np.asarray(np.linalg.inv(covariance[:count, :count]), dtype=float)
+    known = Prior(found.state.shared, information) if count else None
+    stds = np.array([record.std for record in found.linear.records])
+    own = replace(found.fit, has_own_forces=True, prior=known, prior_stds=stds)
+    state, linear = own.converge(found.state, LAST_GAIN, max_steps, found.linear)
+    change_of_shared = replay_error(found.fit, found.state, found.linear).shared_change
+    return Fitted(own, state, linear, replay_error(own, state, linear, change_of_shared))
+
 
 HOPELESS_RATIO, FIRST_STEPS = 10.0, 4
 """Residual over what noise and rounding explain, from which a start is given up after its first steps."""

@@ -23,7 +23,6 @@ from fraexp_plugins.identification._shared.usable_records import (
     usable_signals,
 )
 from fraexp_plugins.identification.whole_record._fit_report import FitReport
-from fraexp_plugins.identification.whole_record._fitted_records import Fitted
 from fraexp_plugins.identification.whole_record._free_parameters import (
     DEAD_TIME,
     SCALES,
@@ -32,9 +31,9 @@ from fraexp_plugins.identification.whole_record._free_parameters import (
 )
 from fraexp_plugins.identification.whole_record._joint_fit import NOISE, likely_noise, noise_in_records
 from fraexp_plugins.identification.whole_record._law_selection import try_laws, with_verdict
-from fraexp_plugins.identification.whole_record._machine_fit import fit_machine, least_told
+from fraexp_plugins.identification.whole_record._machine_fit import Fitted, fit_machine, least_told
 from fraexp_plugins.identification.whole_record._machine_problem import MachineProblem, machine
-from fraexp_plugins.identification.whole_record._motion_fit import ROUGH_LAWS, rough_friction
+from fraexp_plugins.identification.whole_record._motion_start import ROUGH_LAWS, rough_friction
 
 
 class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=9):
