@@ -214,7 +214,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         best = min(equal, key=lambda fit: len(fit.numbers))
         errors = tuple(Quantity(fit.worst_error, "N", f"error of {fit.model.name}") for fit in fits)
         chosen = Finding("remark", errors, place=best.model.name, text="predicts the held-out cycles best")
-        return report(signals, best, chosen if len(fits) > 1 else None)
+        return report(signals, best, chosen if len(self._names) + len(self.starts) > 1 else None)
 
     def _sliding_fits(self, signals: Signals, records: tuple[FrictionRecord, ...]) -> list[FrictionFit]:
         """Return the fits of laws that say nothing of a standstill, to the rows in which the machine slides."""
@@ -267,8 +267,16 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
             problem = self._grid_problem(records, MAX_THRESHOLD_SPAN, end)
         problem = self._with_lead(problem, signals, grid_error)
         problem = replace(problem, findings=(*problem.findings, *remarks))
-        fits = [self._fit_by_name(problem, LAWS[name]) for name in self._names]
-        return fits + [self._fit_from(problem, start) for start in self.starts]
+        fits, failures = [], list[RecordError]()
+        candidates: tuple[str | FrictionModel, ...] = (*self._names, *self.starts)
+        for candidate in candidates:
+            try:
+                fits.append(self._fit_candidate(problem, candidate))
+            except RecordError as error:  # the other laws go on
+                failures.append(error)
+        if not fits:
+            raise failures[0]
+        return fits
 
     def _fit_from(self, problem: FrictionProblem, start: FrictionModel) -> FrictionFit:
         """Return the fit of a law from a start; of elements with their thresholds, and dampers if they have any."""
@@ -285,8 +293,11 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         least = START_DAMPING * springs.coulomb_force / speed / len(found.stiffness)
         return self._fit_elements(problem, found.model_copy(update={"damping": (least,) * len(found.stiffness)}))
 
-    def _fit_by_name(self, problem: FrictionProblem, law: type[FrictionModel]) -> FrictionFit:
-        """Return the fit of a law without a start: that of elements on the grid, or one that begins with them."""
+    def _fit_candidate(self, problem: FrictionProblem, candidate: str | FrictionModel) -> FrictionFit:
+        """Return the fit from a model; of a law by name that of elements on the grid, or one that begins with them."""
+        if not isinstance(candidate, str):
+            return self._fit_from(problem, candidate)
+        law = LAWS[candidate]
         is_of_elements = any("tuple" in str(info.annotation) for info in law.model_fields.values())
         count = self.elements or (LAW_ELEMENTS if is_of_elements and law is not Rolling else 0)
         grid = fit_elements(problem, count, bool(self.thresholds))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fraexp.api import Curve, Finding, FrictionModel, Metric, Outcome, RecordError, Result, Segment, Signals
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification.whole_record._joint_fit import likely_noise
-from fraexp_plugins.identification.whole_record._machine_fit import Fitted, joint_fit_from, predicted_ratios
+from fraexp_plugins.identification.whole_record._machine_fit import Fitted, joint_fit, predicted_ratios
 from fraexp_plugins.identification.whole_record._machine_problem import MachineProblem
 from fraexp_plugins.identification.whole_record._motion_start import MotionFit, fits_along_motion
 
@@ -75,13 +75,20 @@ class LawCandidate:
         samples = sum(record.residual.size for record in self.found.linear.records)
         return self.free * float(np.log(samples)) - 2 * samples * self.log_likelihood
 
-    def along_motion(self, kept: Signals) -> "LawCandidate":
-        """Return the trial with its fits along the motion of these records."""
-        return replace(self, along=fits_along_motion(replace(self.problem, signals=kept)))
+    @property
+    def fits(self) -> bool:
+        """Whether it leaves no more of the held-out records than noise and rounding explain."""
+        return self.ratio <= EQUAL_RATIO
 
-    def carried(self, kept: Signals, held_out: Signals, start: int = 0) -> "LawCandidate":
-        """Return how the law fits the records that are kept from a start, and predicts those that are held out."""
-        found = joint_fit_from(replace(self.problem, signals=kept), self.along[start])
+    def beats(self, other: "LawCandidate") -> bool:
+        """Return whether it fits, and left less along the motion: much less, or with no more parameters."""
+        is_far = other.motion_residual > RACE_RATIO * max(self.motion_residual, MIN_MOTION_RESIDUAL)
+        is_simple = self.motion_residual <= other.motion_residual and self.free <= other.free
+        return self.fits and (is_far or is_simple)
+
+    def carried(self, kept: Signals, held_out: Signals) -> "LawCandidate":
+        """Return how the law fits the records that are kept, and predicts those that are held out."""
+        found, _ = joint_fit(replace(self.problem, signals=kept), self.along)
         frequency = np.array([float(segment.frequency.min()) for segment in held_out.segments])
         return replace(self, found=found, frequency=frequency, ratios=predicted_ratios(self.problem, found, held_out))
 
@@ -91,8 +98,7 @@ def try_laws(problems: Sequence[MachineProblem]) -> tuple[LawCandidate, list[Law
 
     All are fitted along the motion, the best ones by replays. A law that leaves what noise and rounding explain cannot
     be beaten, but a simpler one may be as good. If there is one, laws that left much more along the motion are not
-    carried to the end, nor those that left more with no fewer parameters; slow ones do not begin. If there is none, the
-    laws that left least are tried from another start.
+    carried to the end, nor those that left more with no fewer parameters; slow ones do not begin.
     """
     signals = problems[0].signals
     if len(signals.segments) < MIN_SEGMENTS:
@@ -105,40 +111,14 @@ def try_laws(problems: Sequence[MachineProblem]) -> tuple[LawCandidate, list[Law
     trials = [LawCandidate(problem) for problem in problems]
     for is_fast in (True, False):
         group = [place for place, trial in enumerate(trials) if trial.model.is_vectorisable is is_fast]
-        if _has_fitting(trials):
-            break
-        for place in group:
-            trials[place] = trials[place].along_motion(kept)
+        for place in group if not any(trial.fits for trial in trials) else ():
+            trials[place] = replace(trials[place], along=fits_along_motion(replace(problems[place], signals=kept)))
         for place in sorted(group, key=lambda each: trials[each].motion_residual):
-            if not _has_fitting(trials) or (_is_near(trials[place], trials) and _may_win(trials[place], trials)):
+            if not any(other.beats(trials[place]) for other in trials):
                 trials[place] = trials[place].carried(kept, others)
-    for place in sorted(range(len(trials)), key=lambda each: trials[each].motion_residual):
-        if _is_near(trials[place], trials) and not _has_fitting(trials):
-            more = range(1, len(trials[place].along))
-            again = [trials[place].carried(kept, others, start) for start in more]
-            trials[place] = min([trials[place], *again], key=lambda trial: trial.ratio)
     least = min(trial.ratio for trial in trials)
     best = min((trial for trial in trials if trial.ratio <= EQUAL_RATIO * least), key=lambda each: each.criterion)
     return best, trials
-
-
-def _has_fitting(trials: Sequence[LawCandidate]) -> bool:
-    """Say whether a law leaves no more of the held-out records than noise and rounding explain."""
-    return any(trial.ratio <= EQUAL_RATIO for trial in trials)
-
-
-def _may_win(trial: LawCandidate, trials: Sequence[LawCandidate]) -> bool:
-    """Say whether no law that fits leaves less along the motion with as few free parameters."""
-    return not any(
-        other.ratio <= EQUAL_RATIO and other.motion_residual <= trial.motion_residual and other.free <= trial.free
-        for other in trials
-    )
-
-
-def _is_near(trial: LawCandidate, trials: Sequence[LawCandidate]) -> bool:
-    """Say whether a law leaves about as little along the motion as the best one."""
-    least = min(each.motion_residual for each in trials)
-    return trial.motion_residual <= RACE_RATIO * max(least, MIN_MOTION_RESIDUAL)
 
 
 def _select(signals: Signals, places: NDArray[np.bool_]) -> tuple[Segment, ...]:

@@ -254,24 +254,23 @@ def fit_machine(problem: MachineProblem, known: Fitted | None = None) -> tuple[F
     return whole, starts
 
 
-def joint_fit(problem: MachineProblem) -> tuple[Fitted, int]:
-    """Return the fit in which the response of every record is that of the plant, and from how many starts."""
+def joint_fit(problem: MachineProblem, along: Sequence[MotionFit] = ()) -> tuple[Fitted, int]:
+    """Return the fit in which the response of every record is that of the plant, and from how many starts it was tried.
+
+    `along` are fits along the motion, if they are known.
+    """
     if problem.contacts is not None:
         fit = problem.fit_around(problem.contacts.plant)
         return _converged(problem, fit, np.zeros(len(problem.free.names))), 1
     found: list[Fitted] = []
-    for start in fits_along_motion(problem):
-        found.append(joint_fit_from(problem, start))
+    for start in along or fits_along_motion(problem):
+        fit = problem.fit_around(start.plant)
+        found.append(_converged(problem, fit, start.shared, FIRST_STEPS))
+        if found[-1].mean_ratio < HOPELESS_RATIO:
+            found[-1] = _converged(problem, fit, found[-1].state.shared, NEAR_STEPS)
         if found[-1].mean_ratio < MAX_START_RATIO:
             break
     return min(found, key=lambda each: each.mean_ratio), len(found)
-
-
-def joint_fit_from(problem: MachineProblem, start: MotionFit) -> Fitted:
-    """Return the joint fit from a fit along the motion."""
-    fit = problem.fit_around(start.plant)
-    first = _converged(problem, fit, start.shared, FIRST_STEPS)
-    return first if first.mean_ratio > HOPELESS_RATIO else _converged(problem, fit, first.state.shared, NEAR_STEPS)
 
 
 def predicted_ratios(problem: MachineProblem, found: Fitted, signals: Signals) -> NDArray[np.float64]:
