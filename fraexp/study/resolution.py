@@ -138,7 +138,7 @@ class Resolver:
         written = {name: as_section(value) for name, value in sections.items()}
         if is_for_autonomous(written):
             raise StudyError(
-                f"{place}: has no [excitation] and no [estimator], as a study for an autonomous measurement: "
+                f"{place}: lacks the section [excitation], as a study for an autonomous measurement does: "
                 f"fraexp measure --autonomous {self._file}"
             )
         if ESTIMATOR not in written:

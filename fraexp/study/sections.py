@@ -19,15 +19,15 @@ SETTINGS: dict[str, type[Parameters]] = {
 }
 SECTIONS = (*COMPONENTS, *SETTINGS, "record")
 MACHINE = ("plant", "friction", "controller", "loop")
-SIGNAL_SECTIONS = ("excitation", "estimator", "record", "case", "grid", "monte_carlo")
-"""Sections of which an autonomous measurement needs none, and each other study some."""
+SIGNAL_SECTIONS = ("excitation", "record", "case", "grid", "monte_carlo")
+"""Sections of which an autonomous measurement has none, and each other study some."""
 WORDS = ("title", "question", "machine", "figure")
 GRID = "grid."
 """How the path of an axis begins where the command line gives its values."""
 
 
 def is_for_autonomous(sections: Mapping[str, Any]) -> bool:
-    """Say whether a study is one for an autonomous measurement alone: limits and machine, but nothing to be run."""
+    """Say whether a study is one for an autonomous measurement alone: limits and machine, but no signals."""
     return {"limits", "measurement"} <= sections.keys() and not sections.keys() & set(SIGNAL_SECTIONS)
 
 

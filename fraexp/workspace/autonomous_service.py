@@ -30,8 +30,8 @@ from fraexp.study.study_file import describe_study, find_study, outline
 from fraexp.workspace.measurement_service import kept_text, missing_consents, results_at
 from fraexp.workspace.workspace_service import WorkspaceService
 
-ESTIMATOR = "plant_and_law"
-"""Estimator that needs to know nothing of a machine but units."""
+ESTIMATOR = {"name": "plant_and_friction", "law": "any", "estimate_dead_time": True}
+"""Estimator that needs to know nothing of a machine but units; a study may state further parameters, such as laws."""
 LIVE_ESTIMATOR = {"name": "conventional", "refer_to_plant": False}
 """Estimator of what is shown of each point while the measurement goes on."""
 SUMMARY = ("k0", "f1", "Coulomb force", "input_dead_time", "validation error")
@@ -83,8 +83,8 @@ AutonomousEvent = MeasurementEvent | EvaluationProgress | Event
 class AutonomousService:
     """The autonomous measurement of one study.
 
-    Of the study it takes sample time, kind of axis, limits and the machine; plant, friction and controller that the
-    study may state are for a simulated machine alone.
+    Of the study it takes sample time, kind of axis, limits, the machine, and parameters of its estimator; plant,
+    friction and controller that the study may state are for a simulated machine alone.
     """
 
     def __init__(
@@ -158,6 +158,11 @@ class AutonomousService:
         watched = replace(task, estimators=(LIVE_ESTIMATOR,))
         return results_at(point, self.files, self.path.parent, watched, self._service.registry)
 
+    def _estimator(self) -> dict[str, Any]:
+        """Return the estimator of the record, with what the study states of it."""
+        own = self._sections.get("estimator", {})
+        return {**ESTIMATOR, **own} if own.get("name", ESTIMATOR["name"]) == ESTIMATOR["name"] else {**ESTIMATOR}
+
     def _parsed_settings(self) -> MeasurementSettings:
         registry, sections = self._service.registry, self._sections
         rotary = is_rotary(sections)
@@ -188,7 +193,7 @@ class AutonomousService:
             sample_time = description.sample_time
             loop = {"sample_time": sample_time, "rotary": self.is_rotary}
             axis = UnknownAxis.from_sections(self._name, title, loop, self.limits, description.limits, self.settings)
-            task = axis.task([{"name": ESTIMATOR}])
+            task = axis.task([self._estimator()])
             check_description(description, task)
             header = SampleHeader(sample_time, {PLAY_COLUMN: "", **description.channels})
             with self.files.open_samples(task, header, fresh) as writer:
@@ -263,7 +268,7 @@ class AutonomousService:
 
     def _write_study(self, task: MeasurementTask, loop: FrictionLoop, validation: int) -> Iterator[MeasurementNotice]:
         points = self.files.points()
-        spec: dict[str, Any] = {"name": ESTIMATOR, "resolution": loop.resolution, "noise": loop.noise}
+        spec = {**self._estimator(), "resolution": loop.resolution, "noise": loop.noise}
         if validation:
             spec["validation"] = validation
         section = record_section(self.files.samples, points, self.path.parent, task)

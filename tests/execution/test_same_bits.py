@@ -37,7 +37,7 @@ STUDIES = [
 """In which each estimator has a sweep of a few seconds at most."""
 LONG = {"plant_and_friction"}
 """Identification that takes ten seconds and more; it computes as maximum_likelihood does, which is here."""
-UNUSED = {"local_rational", "injection_on_motion", "loop_tuning", "plant_and_law", "excitation_design"}
+UNUSED = {"local_rational", "injection_on_motion", "loop_tuning", "excitation_design"}
 """Estimators that are in none of these studies."""
 
 

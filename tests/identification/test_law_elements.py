@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification.autonomous import _law_choice
-from fraexp_plugins.identification.autonomous._autonomous_lines import ElementObserver, remove_drift
-from fraexp_plugins.identification.autonomous._law_choice import LawChoice, LawFit, choose_law
-from fraexp_plugins.identification.autonomous._law_elements import LawElements, built_in_laws
-from fraexp_plugins.identification.autonomous.plant_and_law import PlantAndLaw
+from fraexp_plugins.identification.autonomous._law_choice import LawChoice, LawFit, LawSelection
+from fraexp_plugins.identification.autonomous._law_forces import LawForces, elements_law, laws_of_fraexp
+from fraexp_plugins.identification.autonomous._line_records import periodic_motion, remove_drift
+from fraexp_plugins.identification.autonomous.plant_and_friction import PlantAndFriction
 
 from fraexp.components.kinds import FrictionModel, Motion
 from fraexp.components.parameters import param
@@ -24,13 +24,14 @@ NONE = np.empty(0)
 CURVE = {"N": 0.2, "m/s": 1e-3}
 
 
-def law_of(name: str, sizes: dict[str, float], thresholds: np.ndarray = NONE) -> LawElements:
+def law_of(name: str, sizes: dict[str, float], thresholds: np.ndarray = NONE) -> LawForces:
     """Return a law whose shape has these numbers by their units; the damper of bristles is 50 N s/m."""
-    law = LawElements(built_in_laws(0.02)[name], NONE, thresholds)
+    laws = {law.name: law for law in (elements_law(True), *laws_of_fraexp(0.02))}
+    law = LawForces(laws[name], NONE, thresholds)
     return replace(law, shape=law.starting_at(sizes))
 
 
-LAWS: list[tuple[LawElements, list[float]]] = [
+LAWS: list[tuple[LawForces, list[float]]] = [
     (law_of("rolling", {"N s/m": 2e-4}, THRESHOLDS), [1.0, 0.0, 2.0, 0.0, 3.0, 0.0, 0.0, 0.0, 0.0]),
     (law_of("gms", {"N": 0.3, "m/s": 2e-3, "N/s": 40.0}, THRESHOLDS), [1.0, 2.0, 0.5]),
     (law_of("lugre", {"N/m": 1 / 8e-6, **CURVE}), [5.0, 1.0]),
@@ -40,7 +41,7 @@ SAMPLE_TIME = 5e-4
 
 
 @pytest.mark.parametrize(("elements", "sizes"), LAWS, ids=lambda each: getattr(each, "name", ""))
-def test_columns_add_up_to_the_law(elements: LawElements, sizes: list[float]) -> None:
+def test_columns_add_up_to_the_law(elements: LawForces, sizes: list[float]) -> None:
     motion = 1e-4 * np.sin(2 * np.pi * np.arange(4000) / 4000) + 4e-5 * np.sin(10 * np.pi * np.arange(4000) / 4000)
     model = elements.model(np.array(sizes), 0.0)
     expected = model.force(motion, 1e-4, periodic=True)
@@ -49,19 +50,20 @@ def test_columns_add_up_to_the_law(elements: LawElements, sizes: list[float]) ->
 
 
 @pytest.mark.parametrize(("elements", "sizes"), LAWS, ids=lambda each: getattr(each, "name", ""))
-def test_a_drift_of_the_mean_leaves_the_force_as_it_is(elements: LawElements, sizes: list[float]) -> None:
+def test_a_drift_of_the_mean_leaves_the_force_as_it_is(elements: LawForces, sizes: list[float]) -> None:
     samples, periods, drift = 500, 8, 3e-6
     time = np.arange(samples * periods) / samples
     y = 1e-4 * np.sin(2 * np.pi * time) + drift * time
     force = elements.model(np.array(sizes), 0.0).force(y, SAMPLE_TIME)[-samples:]
     channels = {"u": np.tile(force, (2, 1)), "y": y[-2 * samples :].reshape(2, samples)}
     recorded = Signals((Segment(SAMPLE_TIME, channels, np.array([1])),), {"u": "N", "y": "m"})
-    observer = ElementObserver(friction=Frictionless(), oversampling=1)
+    observer = EffectiveInput(friction=Frictionless(), oversampling=1)
     (segment,) = remove_drift(recorded, "y").segments
     assert np.ptp(segment.channels["y"].mean(axis=1)) < 1e-12
-    motion = observer.with_drift(observer.periodic_motion(segment), segment)
+    motion = periodic_motion(observer, segment)
     np.testing.assert_allclose(elements.columns(motion) @ sizes, force, atol=5e-3 * np.abs(force).max())
-    apart = elements.columns(observer.periodic_motion(segment)) @ sizes
+    del segment.channels["drift"]
+    apart = elements.columns(periodic_motion(observer, segment)) @ sizes
     assert np.abs(apart - force).max() > 0.015 * np.abs(force).max()  # without the drift
 
 
@@ -100,7 +102,7 @@ def test_the_law_of_records_is_found(name: str, registry: Any) -> None:
     assert found.explains, choice.residuals
     assert found.coulomb == pytest.approx(10.0, rel=0.01)
     assert choice.interval[0] <= 10.0 <= choice.interval[1] or abs(found.coulomb - 10.0) < 0.01
-    assert found.elements.name in (name, "gms" if name == "rolling" else name)
+    assert found.law.name in (name, "gms" if name == "rolling" else name)
 
 
 def choice_of(model: FrictionModel, others: tuple[FrictionModel, ...] = ()) -> LawChoice:
@@ -111,16 +113,11 @@ def choice_of(model: FrictionModel, others: tuple[FrictionModel, ...] = ()) -> L
         for size in (1e-3, 8e-3, 0.06)
     )
     signals = Signals(segments, {"u": "N", "y": "m"})
-    observer = ElementObserver(friction=Frictionless(), oversampling=4)
-    frequencies = np.array([0.5, 100.0])
-    return choose_law(signals, observer, (frequencies, -5.0 * (2 * np.pi * frequencies) ** 2 + 0j), True, others)
+    observer = EffectiveInput(friction=Frictionless(), oversampling=4)
+    return LawSelection(signals, observer, 3e-4, True).choose(others, True)
 
 
-def test_a_law_that_noise_does_not_explain_is_taken_with_a_verdict_that_says_so(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    families = _law_choice._families
-    monkeypatch.setattr(_law_choice, "_families", lambda *given: [next(families(*given))])
+def test_a_law_that_noise_does_not_explain_is_taken_with_a_verdict_that_says_so() -> None:
     limits, widths = np.array([4.0, 6.0]), np.array([4e-6, 2e-5])
     model = Rolling(stiffness=limits / widths, limit_force=limits)
     gains = 1 + 3e-3 * np.random.default_rng(2).normal(size=24)  # of a drive that errs
@@ -129,7 +126,7 @@ def test_a_law_that_noise_does_not_explain_is_taken_with_a_verdict_that_says_so(
         replace(each, channels={**each.channels, "u": gain * each.channels["u"]})
         for each, gain in zip(segments, gains, strict=True)
     )
-    result = PlantAndLaw(modes=0).estimate(Signals(erring, {"u": "N", "y": "m"}))
+    result = PlantAndFriction(modes=0, estimate_dead_time=True).estimate(Signals(erring, {"u": "N", "y": "m"}))
     metrics = {metric.name: metric.value for metric in result.metrics}
     assert (metrics["verdict"], metrics["friction law"]) == (0, 0)
     assert "no friction law explains the records" in result.message
@@ -138,10 +135,8 @@ def test_a_law_that_noise_does_not_explain_is_taken_with_a_verdict_that_says_so(
 
 
 @pytest.mark.parametrize("error", [0.0, 0.02])
-def test_a_law_is_judged_by_what_the_encoder_does_to_it(error: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_law_is_judged_by_what_the_encoder_does_to_it(error: float) -> None:
     """Errors of stuck records, 200 times those of others, had let a law pass that 2 % of the thrust contradict."""
-    families = _law_choice._families
-    monkeypatch.setattr(_law_choice, "_families", lambda *given: [next(families(*given))])
     limits, widths, generator = np.array([3.0, 7.0]), np.array([3e-7, 6e-6]), np.random.default_rng(5)
     model, segments, step = Rolling(stiffness=limits / widths, limit_force=limits), [], 1e-7
     for frequency in np.geomspace(3, 40, 6):
@@ -150,10 +145,9 @@ def test_a_law_is_judged_by_what_the_encoder_does_to_it(error: float, monkeypatc
             y = record.channels["y"] + generator.normal(0, step / 2, record.channels["y"].shape)
             u = (1 + error * generator.normal()) * record.channels["u"]
             segments.append(replace(record, channels={"u": u, "y": step * np.round(y / step)}))
-    observer = ElementObserver(friction=Frictionless(), oversampling=4, resolution=step, noise=0.58 * step)
-    frequencies = np.array([0.5, 100.0])
-    inverse = frequencies, -5.0 * (2 * np.pi * frequencies) ** 2 + 0j
-    best = choose_law(Signals(tuple(segments), {"u": "N", "y": "m"}), observer, inverse, False).best
+    observer = EffectiveInput(friction=Frictionless(), oversampling=4, resolution=step, noise=0.58 * step)
+    signals = Signals(tuple(segments), {"u": "N", "y": "m"})
+    best = LawSelection(signals, observer, 3e-4, False).choose((), False).best
     assert best.explains == (error == 0)
     if not error:
         assert best.residual < 1.5
@@ -173,15 +167,10 @@ def signals_of(mode: float = np.inf) -> Signals:
 
 
 @pytest.mark.parametrize(("mode", "is_free"), [(60.0, True), (3.5, False)])
-def test_a_mode_near_the_lowest_frequencies_is_not_taken_for_a_free_body(
-    mode: float, is_free: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_mode_near_the_lowest_frequencies_is_not_taken_for_a_free_body(mode: float, is_free: bool) -> None:
     """Far below the first mode an axis is a free body: elements that are a spring in most records are seen there."""
-    families = _law_choice._families
-    monkeypatch.setattr(_law_choice, "_families", lambda *given: [next(families(*given))])
-    observer, known = ElementObserver(friction=Frictionless(), oversampling=4), np.array([0.5, 100.0])
-    inverse = known, -5.0 * (2 * np.pi * known) ** 2 + 0j
-    choice: LawChoice = choose_law(signals_of(mode), observer, inverse, False)
+    observer = EffectiveInput(friction=Frictionless(), oversampling=4)
+    choice = LawSelection(signals_of(mode), observer, 3e-4, False).choose((), False)
     assert (choice.records.free_lines.size > 0) == is_free
     assert choice.best.coulomb == pytest.approx(10.0, rel=2e-3)
 
@@ -209,9 +198,9 @@ class BoucWen(FrictionModel, name="bouc_wen_of_a_user", version=1):
 def test_a_users_own_law_is_tried_and_found() -> None:
     truth, start = BoucWen(slope=6e5, limit=10.0, sharpness=2.2), BoucWen(slope=2e6, limit=1.0, sharpness=1.0)
     choice = choice_of(truth, (start,))
-    assert choice.best.elements.name == truth.name, choice.residuals
+    assert choice.best.law.name == truth.name, choice.residuals
     assert choice.best.explains
     assert choice.best.coulomb == pytest.approx(10.0, rel=0.01)
-    model = choice.best.elements.model(choice.best.sizes, 0.0)
+    model = choice.best.law.model(choice.best.sizes, 0.0)
     assert isinstance(model, BoucWen)
     assert model.sharpness == pytest.approx(2.2, rel=0.05)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fraexp_plugins.identification._shared.usable_records import check_segments
 
 from fraexp.analysis.confidence import circle_factor
 from fraexp.components.kinds import Controller, Estimator, Excitation, FrictionModel, Plant
@@ -191,6 +192,8 @@ def test_records_that_a_replay_cannot_follow_are_refused(record):
         estimator().estimate(replace(record, segments=(replace(first, periodic=False), *others)))
     with pytest.raises(RecordError, match=r"sample times of 0\.0005 to 0\.001 s; expected one"):
         estimator().estimate(replace(record, segments=(replace(first, sample_time=1e-3), *others)))
+    rounded = replace(first, sample_time=first.sample_time * (1 + 3e-6))  # as time stamps are
+    check_segments(replace(record, segments=(rounded, *others)), "maximum_likelihood")
     many = replace(first, lines=np.arange(1, 101))
     with pytest.raises(RecordError, match=r"100 excited lines; expected at most 64"):
         estimator().estimate(replace(record, segments=(many, *others)))

@@ -190,7 +190,7 @@ def test_presliding_identifies_the_plant_and_names_what_it_does_not_identify(rec
 def test_friction_of_another_kind_is_not_explained(recorded, friction):
     result = identified(recorded(stepped(12.0, 24.0, points=30), friction))
     assert numbers(result)["verdict"] == 0
-    assert "do not explain" in result.message
+    assert "no friction law explains" in result.message
 
 
 @pytest.mark.thorough

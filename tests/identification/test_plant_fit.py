@@ -31,13 +31,13 @@ from tests.identification.plant_responses import (
 from tests.machines import TABLE, guide, simulated
 
 
-def test_a_viscous_rigid_body_is_the_same_in_both_forms():
-    plant = TABLE.model_copy(update={"viscous_coefficient": 500.0})
+def test_a_plant_with_ground_is_the_same_in_both_forms():
+    plant = TABLE.model_copy(update={"viscous_coefficient": 500.0, "ground_stiffness": 3e4})
     system, omega = plant.state_space(), 2 * np.pi * np.array([0.5, 5.0, 38.8, 150.0])
     realised = [system.c @ np.linalg.solve(1j * w * np.eye(len(system.a)) - system.a, system.b) for w in omega]
     assert plant.response(omega) == pytest.approx(np.array(realised), rel=1e-12)
-    mass = Modal(rigid_body_gain=1 / 7.6, viscous_coefficient=500.0)
-    assert mass.response(omega) == pytest.approx(1 / (7.6 * (1j * omega) ** 2 + 500.0 * 1j * omega), rel=1e-12)
+    mass = Modal(rigid_body_gain=1 / 7.6, viscous_coefficient=500.0, ground_stiffness=3e4)
+    assert mass.response(omega) == pytest.approx(1 / (7.6 * (1j * omega) ** 2 + 500.0 * 1j * omega + 3e4), rel=1e-12)
 
 
 @pytest.mark.parametrize("name", some(PLANTS, "rigid body", "two modes"))
@@ -75,12 +75,11 @@ def test_one_percent_of_noise(known):
     assert not known or metric(result, "cost") == pytest.approx(1, abs=0.25)
 
 
-@pytest.mark.parametrize("criterion", ["information", "hold_out"])
 @pytest.mark.parametrize(
     ("name", "noise"), [("rigid body", 0.05), thorough("one mode", 0.05), thorough("two modes", 0.01)]
 )
-def test_noise_makes_no_modes(criterion, name, noise):
-    result = fitted(measured(PLANTS[name], noise=noise), criterion=criterion, max_modes=4)
+def test_noise_makes_no_modes(name, noise):
+    result = fitted(measured(PLANTS[name], noise=noise), max_modes=4)
     assert metric(result, "modes") == len(PLANTS[name].frequencies)
 
 
@@ -106,14 +105,25 @@ def test_the_magnitude_alone_knows_no_dead_time():
     assert "phase" not in result.curves[0].columns
 
 
-@pytest.mark.thorough
-def test_a_viscous_coefficient():
-    plant = TWO.model_copy(update={"viscous_coefficient": 40.0})
-    found, deviation = values(fitted(measured(plant), modes=2, fit_viscous=True))
-    assert abs(found["viscous_coefficient"] - 40.0) < 4 * deviation["viscous_coefficient"] < 2.0
-    none = fitted(measured(seed=1), modes=2, fit_viscous=True)
-    assert none.fits[0].component["viscous_coefficient"] == 0
-    assert "viscous coefficient would be negative" in none.message
+@pytest.mark.parametrize("noise", [0.0, thorough(0.01)])
+@pytest.mark.parametrize("modes", [0, thorough(2)])
+def test_viscous_friction_and_a_spring_to_ground(modes, noise):
+    ground = {"viscous_coefficient": 40.0, "ground_stiffness": 3e3}
+    plant = (TWO if modes else Modal(rigid_body_gain=0.2)).model_copy(update=ground)
+    result = fitted(measured(plant, noise=noise, known=noise > 0), fit_ground=True)
+    found, deviation = values(result)
+    assert metric(result, "modes") == modes
+    for name, value in {**ground, "rigid_body_gain": plant.rigid_body_gain}.items():
+        assert abs(found[name] - value) <= max(4 * deviation[name], 1e-8 * value)
+    first = next(curve for curve in result.curves if curve.name == "resonances").columns["frequency"][0]
+    assert first == pytest.approx(np.sqrt(3e3 * plant.rigid_body_gain) / (2 * np.pi), rel=0.03)
+
+
+def test_ground_that_is_not_there_is_left_out_and_one_that_is_missing_is_named():
+    none = fitted(measured(PLANTS["rigid body"], seed=1), modes=0, fit_ground=True)
+    assert none.fits[0].component["ground_stiffness"] == 0
+    with pytest.raises(RecordError, match="fit_ground if a spring or viscous friction holds the mass"):
+        fitted(measured(PLANTS["rigid body"].model_copy(update={"ground_stiffness": 300.0}), noise=0.0))
 
 
 def test_what_is_noisy_counts_little():

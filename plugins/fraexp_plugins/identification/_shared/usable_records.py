@@ -69,6 +69,11 @@ MAX_LINES = 64
 """Maximum number of excited lines of a segment, each of which takes two parameters of its own."""
 
 
+SAMPLE_TIME_TOLERANCE = FORCE_FLOOR / 3
+"""Relative difference up to which sample times are one: that of the inertia force, twice as large, is below
+`FORCE_FLOOR`. Periods that are no whole number of samples, and rounded time stamps, make a record's differ by 1e-6."""
+
+
 def check_segments(signals: Signals, estimator: str) -> None:
     """Raise RecordError, which names the estimator, for segments that a replay cannot follow."""
     if not all(segment.periodic for segment in signals.segments):
@@ -83,7 +88,7 @@ def check_segments(signals: Signals, estimator: str) -> None:
             "time, or use effective_input"
         )
     times = sorted({segment.sample_time for segment in signals.segments})
-    if len(times) > 1:
+    if times[-1] > (1 + SAMPLE_TIME_TOLERANCE) * times[0]:
         raise RecordError(
             f"{estimator}: the segments have sample times of {times[0]:g} to {times[-1]:g} s; expected one: "
             "estimate those of each sample time for themselves"

@@ -14,7 +14,7 @@ def parameter_symbol(name: str) -> str:
     """Return the literature's letter for a parameter, such as f1 for frequencies.0."""
     head, _, number = name.partition(".")
     letters = {"rigid_body_gain": "k0", "frequencies": "f", "damping_ratios": "ζ", "modal_gain_ratios": "r"}
-    letters |= {"viscous_coefficient": "D", "dead_time": "L"}
+    letters |= {"viscous_coefficient": "D", "ground_stiffness": "K", "dead_time": "L"}
     return letters[head] + (str(int(number) + 1) if number else "") if head in letters else name
 
 
@@ -40,6 +40,8 @@ class LogResponse:
     """Covariance of (log magnitude, phase [rad]), shape (n, 2, 2); None if it is to be taken from the residuals."""
     parts: int
     """2 for magnitude and phase, 1 for the magnitude only."""
+    common: NDArray[np.complex128]
+    """Errors of ln Ĝ at all frequencies together, one standard deviation in each of k directions, shape (n, k)."""
 
     @property
     def s(self) -> NDArray[np.complex128]:
@@ -54,10 +56,14 @@ class LogResponse:
     @property
     def expected(self) -> float:
         """Expectation of Σ w|e|² by the covariance, before a fit; the number of residuals if it is unknown."""
-        if self.covariance is None:
-            return float(self.count)
-        variances = np.diagonal(self.covariance, axis1=1, axis2=2)[:, : self.parts]
-        return float(np.sum(self.weight[:, None] * variances))
+        return float(self.count) if self.covariance is None else float(np.sum(self.weight[:, None] * self.variances))
+
+    @property
+    def variances(self) -> NDArray[np.float64]:
+        """Variances of (log magnitude, phase [rad]) by all known errors, shape (n, parts)."""
+        own = np.zeros((self.frequency.size, 2, 2)) if self.covariance is None else self.covariance
+        common = np.stack([np.sum(part**2, axis=1) for part in (self.common.real, self.common.imag)], axis=1)
+        return np.asarray((np.diagonal(own, axis1=1, axis2=2) + common)[:, : self.parts])
 
     def weighted_parts(self, values: NDArray[np.complex128]) -> NDArray[np.float64]:
         """Return complex values as weighted real ones, shape (count, ...): all log magnitudes, then all phases."""
@@ -94,21 +100,31 @@ class LogResponse:
         """Return the points of these indices."""
         covariance = None if self.covariance is None else self.covariance[chosen]
         frequency, response, weight = self.frequency[chosen], self.response[chosen], self.weight[chosen]
-        return replace(self, frequency=frequency, response=response, weight=weight, covariance=covariance)
+        common = self.common[chosen]
+        return replace(
+            self, frequency=frequency, response=response, weight=weight, covariance=covariance, common=common
+        )
 
 
 def log_response(
-    response: FrequencyResponse, band: tuple[float, float], weighting: Weighting, model_error: float, parts: int
+    response: FrequencyResponse,
+    band: tuple[float, float],
+    weighting: Weighting,
+    model_error: float,
+    parts: int,
+    common: NDArray[np.complex128] | None = None,
 ) -> LogResponse:
     """Return the settled points of a response within a frequency range [Hz].
 
-    `model_error` is the relative error of the model, in each of the parts, that is allowed for besides noise.
+    `model_error` is the relative error of the model, in each of the parts, that is allowed for besides noise; `common`
+    are relative errors of the response that all frequencies share, shape (n, k).
     """
     inside = (response.frequency >= band[0]) & (response.frequency <= band[1]) & (response.frequency > 0)
     usable = response.settled & np.isfinite(response.response) & (np.abs(response.response) > 0)
     chosen = np.flatnonzero(inside & usable)
     chosen = chosen[np.argsort(response.frequency[chosen], kind="stable")]
     frequency, values = response.frequency[chosen], response.response[chosen]
+    shared = np.zeros((chosen.size, 0), dtype=complex) if common is None else common[chosen]
     noise = _log_covariance(values, response.covariance[chosen])
     known = bool(np.isfinite(noise).all() and noise.any())  # of an ideal encoder the errors are the model's alone
     if weighting == "noise" and not known:
@@ -117,10 +133,11 @@ def log_response(
             "two periods or more, or choose the weighting 'relative'"
         )
     if weighting == "relative" or not known:
-        return LogResponse(frequency, values, np.full(chosen.size, model_error**-2), None, parts)
+        return LogResponse(frequency, values, np.full(chosen.size, model_error**-2), None, parts, shared)
     freedom = np.full(chosen.size, np.inf) if response.freedom is None else response.freedom[chosen]
     variance = _smoothed_variance((noise[:, 0, 0] + noise[:, 1, 1]) / 2, freedom) + model_error**2
-    return LogResponse(frequency, values, 1 / variance, noise + model_error**2 * np.eye(2), parts)
+    variance += np.sum(np.abs(shared) ** 2, axis=1) / 2
+    return LogResponse(frequency, values, 1 / variance, noise + model_error**2 * np.eye(2), parts, shared)
 
 
 def _log_covariance(response: NDArray[np.complex128], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -151,14 +168,16 @@ MIN_DAMPING_RATIO, MAX_DAMPING_RATIO = 1e-6, 2.0
 """Limits of the damping ratios."""
 FREQUENCY_MARGIN = 3.0
 """Factor by which a natural frequency may lie outside of the frequency range."""
+GROUND = {"viscous_coefficient": 1, "ground_stiffness": 0}
+"""Forces between the mass and ground, by the power of s with which each acts on the position."""
 
 
 @dataclass(frozen=True)
 class ModalModel:
-    """G(jω) = k0 (1/(s² + k0 D s) + Σ r_i / (s² + 2 ζ_i ω_i s + ω_i²)) e^{-Ls}, as a function of a vector p.
+    """G(s) = e^{-Ls}/(1/P(s) + D s + K) with P(s) = k0 S(s), S(s) = 1/s² + Σ r_i / (s² + 2 ζ_i ω_i s + ω_i²).
 
-    p = (ln k0; ln f_i, ln ζ_i, r_i for each mode; k0 D/ω_l if D is free; ω_h L if L is free), with the limits
-    ω_l and ω_h [rad/s] of the frequency range: all of p is of the order of 1.
+    It is a function of p = (ln k0; ln f_i, ln ζ_i, r_i for each mode; k0 D/ω_l and k0 K/ω_l² if they are free; ω_h L if
+    L is free), with the limits ω_l and ω_h [rad/s] of the frequency range: all of p is of the order of 1.
     """
 
     modes: int
@@ -166,25 +185,26 @@ class ModalModel:
     """Lower limit of the frequency range [Hz]."""
     max_frequency: float
     """Upper limit of the frequency range [Hz]."""
-    fit_viscous: bool = False
-    """Whether D is free; otherwise it is 0."""
+    ground: tuple[str, ...] = ()
+    """Those of `GROUND` that are free; the others are 0."""
     dead_time: float | None = None
     """L if it is fixed [s]; None if it is free."""
 
     @property
     def size(self) -> int:
         """Length of p."""
-        return 1 + 3 * self.modes + self.fit_viscous + (self.dead_time is None)
+        return self.ground_place + len(self.ground) + (self.dead_time is None)
 
     @property
-    def damping_place(self) -> int:
-        """Place of k0 D/ω_l in p, if D is free."""
+    def ground_place(self) -> int:
+        """Place in p behind the modes."""
         return 1 + 3 * self.modes
 
     @property
-    def rate_unit(self) -> float:
-        """The lower limit ω_l of the frequency range [rad/s]."""
-        return 2 * np.pi * self.min_frequency
+    def ground_units(self) -> NDArray[np.float64]:
+        """Units of k0 D [rad/s] and k0 K [rad²/s²] in p, as many as are free."""
+        powers = np.array([GROUND[name] for name in self.ground], dtype=float)
+        return np.asarray((2 * np.pi * self.min_frequency) ** (2 - powers))
 
     @property
     def time_unit(self) -> float:
@@ -194,55 +214,54 @@ class ModalModel:
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the bounds of p, each of shape (size,)."""
         low, high = np.full((2, self.size), np.inf) * np.array([[-1], [1]])
-        low[1 : self.damping_place : 3] = np.log(self.min_frequency / FREQUENCY_MARGIN)
-        high[1 : self.damping_place : 3] = np.log(self.max_frequency * FREQUENCY_MARGIN)
-        low[2 : self.damping_place : 3], high[2 : self.damping_place : 3] = (
-            np.log(MIN_DAMPING_RATIO),
-            np.log(MAX_DAMPING_RATIO),
-        )
-        if self.fit_viscous:
-            low[self.damping_place] = -0.9  # a pole below 0 is unstable: a sign that D is not identifiable
+        modes = slice(1, self.ground_place, 3), slice(2, self.ground_place, 3)
+        low[modes[0]], low[modes[1]] = np.log(self.min_frequency / FREQUENCY_MARGIN), np.log(MIN_DAMPING_RATIO)
+        high[modes[0]], high[modes[1]] = np.log(self.max_frequency * FREQUENCY_MARGIN), np.log(MAX_DAMPING_RATIO)
         return low, high
 
-    def parts(
+    def _parts(
         self, p: NDArray[np.float64], s: NDArray[np.complex128]
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Return 1/(s² + k0 D s), shape (n,), and 1/(s² + 2 ζ_i ω_i s + ω_i²), shape (modes, n)."""
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return 1/(s² + 2 ζ_i ω_i s + ω_i²), shape (modes, n), S and k0 e^{-Ls}/G, each of shape (n,)."""
         frequency, zeta = self.poles(p).T
-        return 1 / (s**2 + self.rate(p) * s), resonators(s, 2 * np.pi * frequency, zeta)
+        modes = resonators(s, 2 * np.pi * frequency, zeta)
+        total = 1 / s**2 + p[3 : self.ground_place : 3] @ modes
+        return modes, total, 1 / total + self.ground_columns(s) @ self.ground_forces(p) * np.exp(p[0])
+
+    def ground_columns(self, s: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return the derivative of 1/G, without its dead time, by the free ground forces, shape (n, ground)."""
+        return s[:, None] ** np.array([GROUND[name] for name in self.ground], dtype=int)
 
     def log_response(self, p: NDArray[np.float64], s: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return ln G(s), shape (n,); its imaginary part is the phase [rad] up to whole turns."""
-        rigid, modes = self.parts(p, s)
-        total = rigid + p[3 : self.damping_place : 3] @ modes
-        return p[0] + np.log(total) - s * self.delay(p)
+        return p[0] - np.log(self._parts(p, s)[2]) - s * self.delay(p)
 
     def jacobian(self, p: NDArray[np.float64], s: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return the derivative of ln G(s) by p, complex, shape (n, size)."""
-        rigid, modes = self.parts(p, s)
-        residues = p[3 : self.damping_place : 3]
-        total = rigid + residues @ modes
+        modes, total, inverse = self._parts(p, s)
         found = np.empty((s.size, self.size), dtype=complex)
         found[:, 0] = 1
-        for i, (mode, residue) in enumerate(zip(modes, residues, strict=True)):
+        slope = 1 / (total**2 * inverse)
+        for i, (mode, residue) in enumerate(zip(modes, p[3 : self.ground_place : 3], strict=True)):
             omega, zeta = 2 * np.pi * np.exp(p[1 + 3 * i]), np.exp(p[2 + 3 * i])
-            slope = -residue * mode**2 / total
-            found[:, 1 + 3 * i] = slope * (2 * zeta * omega * s + 2 * omega**2)
-            found[:, 2 + 3 * i] = slope * (2 * zeta * omega * s)
-            found[:, 3 + 3 * i] = mode / total
-        if self.fit_viscous:
-            found[:, self.damping_place] = -self.rate_unit * s * rigid**2 / total
+            of_pole = -slope * residue * mode**2
+            found[:, 1 + 3 * i] = of_pole * (2 * zeta * omega * s + 2 * omega**2)
+            found[:, 2 + 3 * i] = of_pole * (2 * zeta * omega * s)
+            found[:, 3 + 3 * i] = slope * mode
+        found[:, self.ground_place : self.ground_place + len(self.ground)] = (
+            -self.ground_columns(s) * self.ground_units / inverse[:, None]
+        )
         if self.dead_time is None:
             found[:, -1] = -self.time_unit * s
         return found
 
     def poles(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return f_i [Hz] and ζ_i of the modes, shape (modes, 2)."""
-        return np.exp(p[1 : self.damping_place].reshape(-1, 3)[:, :2])
+        """Return f_i [Hz] and ζ_i of the modes of P, shape (modes, 2)."""
+        return np.exp(p[1 : self.ground_place].reshape(-1, 3)[:, :2])
 
-    def rate(self, p: NDArray[np.float64]) -> float:
-        """Return the rate k0 D of the rigid body [rad/s]."""
-        return float(p[self.damping_place] * self.rate_unit) if self.fit_viscous else 0.0
+    def ground_forces(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return D [N s/m] and K [N/m], as many as are free."""
+        return np.asarray(p[self.ground_place :][: len(self.ground)] * self.ground_units * np.exp(-p[0]))
 
     def delay(self, p: NDArray[np.float64]) -> float:
         """Return the dead time L [s]."""
@@ -250,53 +269,51 @@ class ModalModel:
 
     def sort_modes(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return p with the modes in ascending order of frequency."""
-        modes = p[1 : self.damping_place].reshape(-1, 3)
-        return np.concatenate([p[:1], modes[np.argsort(modes[:, 0])].ravel(), p[self.damping_place :]])
+        modes = p[1 : self.ground_place].reshape(-1, 3)
+        return np.concatenate([p[:1], modes[np.argsort(modes[:, 0])].ravel(), p[self.ground_place :]])
 
     def names(self) -> tuple[str, ...]:
         """Return the names of the parameters in p; all except ``dead_time`` are those of `Modal`."""
         modes = [
             f"{name}.{i}" for i in range(self.modes) for name in ("frequencies", "damping_ratios", "modal_gain_ratios")
         ]
-        ends = ["viscous_coefficient"] * self.fit_viscous + ["dead_time"] * (self.dead_time is None)
-        return ("rigid_body_gain", *modes, *ends)
+        return ("rigid_body_gain", *modes, *self.ground, *["dead_time"] * (self.dead_time is None))
 
     def values(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return their values in SI units, shape (size,)."""
         values = p.copy()
         values[0] = np.exp(p[0])
         for first in (1, 2):
-            values[first : self.damping_place : 3] = np.exp(p[first : self.damping_place : 3])
-        if self.fit_viscous:
-            values[self.damping_place] = self.rate(p) / values[0]
+            values[first : self.ground_place : 3] = np.exp(p[first : self.ground_place : 3])
+        values[self.ground_place : self.ground_place + len(self.ground)] = self.ground_forces(p)
         if self.dead_time is None:
             values[-1] = self.delay(p)
         return values
 
     def slopes(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the derivative of the values by p, shape (size, size)."""
-        values, found = self.values(p), np.eye(self.size)
-        found[0, 0] = values[0]
-        for i in range(self.modes):
-            for place in (1 + 3 * i, 2 + 3 * i):
-                found[place, place] = values[place]
-        if self.fit_viscous:
-            found[self.damping_place, self.damping_place] = self.rate_unit / values[0]
-            found[self.damping_place, 0] = -values[self.damping_place]
+        values, scale = self.values(p), np.ones(self.size)
+        for first in (1, 2):
+            scale[first : self.ground_place : 3] = values[first : self.ground_place : 3]
+        scale[0] = values[0]
+        own = np.arange(self.ground_place, self.ground_place + len(self.ground))
+        scale[own] = self.ground_units / values[0]
         if self.dead_time is None:
-            found[-1, -1] = self.time_unit
+            scale[-1] = self.time_unit
+        found = np.diag(scale)
+        found[own, 0] = -values[own]
         return found
 
     def plant(self, p: NDArray[np.float64]) -> Modal:
         """Return the plant, without the dead time."""
         values = self.values(p)
-        modes = values[1 : self.damping_place].reshape(-1, 3)
+        modes = values[1 : self.ground_place].reshape(-1, 3)
         return Modal(
             rigid_body_gain=float(values[0]),
             frequencies=tuple(map(float, modes[:, 0])),
             damping_ratios=tuple(map(float, modes[:, 1])),
             modal_gain_ratios=tuple(map(float, modes[:, 2])),
-            viscous_coefficient=float(values[self.damping_place]) if self.fit_viscous else 0.0,
+            **dict(zip(self.ground, self.ground_forces(p).tolist(), strict=True)),
         )
 
 

@@ -1,8 +1,7 @@
 """The weighted log-residual least-squares fit of a modal model, with the covariance of its parameters."""
 
-import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -67,8 +66,8 @@ FREQUENCY_RANGE_FACTOR = 1.25
 """Highest natural frequency that is tried, over the upper limit of the frequency range."""
 MAX_DELAY_TURNS, STEPS_PER_TURN = 2.0, 8
 """Largest dead time that is tried, in turns of the phase at the upper frequency limit, and steps for each turn."""
-TRIAL_RATES = (0.1, 1.0, 6.0)
-"""Rates k0 D of the viscous rigid body that are tried, over ω_l."""
+MIN_LOW_POINTS, LOW_FREQUENCY_RATIO = 8, 10.0
+"""Lowest points from which the forces of ground are guessed: their number, and their range in frequency."""
 LAST_MODE_CHOICES, CHOICE_DISTANCE = 3, 6
 """Choices of the last mode that are tried if the other modes are given, and their distance in steps of f."""
 WEIGHT_EXPONENTS = (1.0, 0.5)
@@ -83,41 +82,46 @@ class ModeDictionary:
         grid = np.geomspace(data.frequency[0], FREQUENCY_RANGE_FACTOR * data.frequency[-1], TRIAL_FREQUENCY_COUNT)
         self.atoms = np.array([(f, z) for z in TRIAL_DAMPING_RATIOS for f in grid])
         """Pairs (f [Hz], ζ), shape (m, 2)."""
-        modes = resonators(data.s, 2 * np.pi * self.atoms[:, 0], self.atoms[:, 1])
+        self._modes = resonators(data.s, 2 * np.pi * self.atoms[:, 0], self.atoms[:, 1])
         self.weights: list[NDArray[np.float64]] = [np.abs(data.response) ** -exponent for exponent in WEIGHT_EXPONENTS]
-        self.rows = [_real(modes * weight) for weight in self.weights]
-        self.powers = [np.sum(rows**2, axis=1) for rows in self.rows]
+        self._rows = [_real(self._modes * weight) for weight in self.weights]
+
+    def rows(self, place: int, factor: NDArray[np.complex128] | None) -> NDArray[np.float64]:
+        """Return the trial modes with a weight, times a factor, shape (n,), if there is one."""
+        return self._rows[place] if factor is None else _real(self._modes * factor * self.weights[place])
+
+
+class ModelEnd(NamedTuple):
+    """What acts beside rigid body and modes."""
+
+    ground: NDArray[np.float64]
+    """Forces of ground [N s/m, N/m], as many as are free."""
+    delay: float
+    """Dead time [s]."""
 
 
 def start_vectors(
-    model: ModalModel,
-    dictionary: ModeDictionary,
-    modes: NDArray[np.float64],
-    ends: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
+    model: ModalModel, dictionary: ModeDictionary, end: ModelEnd, modes: NDArray[np.float64], choices: int
 ) -> Iterator[NDArray[np.float64]]:
     """Yield start vectors p; they keep `modes`, pairs (f [Hz], ζ), shape (m, 2), not more than model.modes.
 
-    `ends` are the rates k0 D [rad/s] and the dead times [s] to try, by default a grid.
-
-    For given poles and dead time the response is linear in k0 and k0 r_i. For each dead time and weight the mode that
-    reduces the squared error of that linear fit most is added, until there are enough (orthogonal matching pursuit:
-    Y. C. Pati, R. Rezaiifar and P. S. Krishnaprasad, Asilomar Conf. 1993, doi 10.1109/ACSSC.1993.342465).
+    For given poles, ground and dead time the response is linear in k0 and k0 r_i. For each weight the mode that reduces
+    the squared error of that linear fit most is added, until there are enough (orthogonal matching pursuit: Y. C. Pati,
+    R. Rezaiifar and P. S. Krishnaprasad, Asilomar Conf. 1993, doi 10.1109/ACSSC.1993.342465); of the last mode there
+    are some choices.
     """
     data, count = dictionary.data, model.modes - len(modes)
-    kept = resonators(data.s, 2 * np.pi * modes[:, 0], modes[:, 1])
-    rates, times = ends or (_rates(model), _dead_times(model, data))
-    for rate, time in itertools.product(rates.tolist(), times.tolist()):
-        rigid = 1 / (data.s**2 + rate * data.s)
-        advance: NDArray[np.complex128] = np.exp(data.s * time)
-        undelayed = data.response * advance
-        for weight, rows, power in zip(dictionary.weights, dictionary.rows, dictionary.powers, strict=True):
-            rigid_and_modes: NDArray[np.complex128] = np.vstack([rigid, kept])
-            basis, target = _real(rigid_and_modes * weight), _real(undelayed * weight)
-            for places in _pursue(basis, (rows, power), target, count, 1 if ends is None else LAST_MODE_CHOICES):
-                gains = _coefficients(np.vstack([basis, rows[places]]), target)
-                if gains[0] > 0:
-                    poles = np.concatenate([modes, dictionary.atoms[places]])
-                    yield _vector(model, gains, poles, rate, time)
+    rigid_and_modes = np.vstack([1 / data.s**2, resonators(data.s, 2 * np.pi * modes[:, 0], modes[:, 1])])
+    undelayed = data.response * np.exp(data.s * end.delay)
+    # k0 S = G/(1 - (D s + K) G): as an equation for S that is linear, and does not divide by a small difference
+    factor = 1 - model.ground_columns(data.s) @ end.ground * undelayed if model.ground else None
+    for place, weight in enumerate(dictionary.weights):
+        basis = _real(rigid_and_modes * weight * (1.0 if factor is None else factor))
+        rows, target = dictionary.rows(place, factor), _real(undelayed * weight)
+        for places in _pursue(basis, rows, target, count, choices):
+            gains = _coefficients(np.vstack([basis, rows[places]]), target)
+            if gains[0] > 0:
+                yield _vector(model, gains, np.concatenate([modes, dictionary.atoms[places]]), end)
 
 
 def _real(values: NDArray[np.complex128]) -> NDArray[np.float64]:
@@ -125,31 +129,56 @@ def _real(values: NDArray[np.complex128]) -> NDArray[np.float64]:
     return np.concatenate([values.real, values.imag], axis=-1)
 
 
-def _rates(model: ModalModel) -> NDArray[np.float64]:
-    """Return the rates k0 D [rad/s] to try."""
-    return np.array(TRIAL_RATES) * model.rate_unit if model.fit_viscous else np.zeros(1)
+def _ends(model: ModalModel, data: LogResponse) -> Iterator[ModelEnd]:
+    """Yield the ends to try: each dead time without ground, and with the ground that the lowest points show."""
+    for delay in _dead_times(model, data):
+        yield ModelEnd(np.zeros(len(model.ground)), delay)
+        if model.ground:
+            yield ModelEnd(low_ground(model, data, delay)[0], delay)
 
 
-def _dead_times(model: ModalModel, data: LogResponse) -> NDArray[np.float64]:
+def _dead_times(model: ModalModel, data: LogResponse) -> list[float]:
     """Return the dead times [s] to try."""
     if model.dead_time is not None:
-        return np.array([model.dead_time])
-    return np.arange(-1, MAX_DELAY_TURNS * STEPS_PER_TURN + 1) / (STEPS_PER_TURN * data.frequency[-1])
+        return [model.dead_time]
+    steps = np.arange(-1, MAX_DELAY_TURNS * STEPS_PER_TURN + 1) / (STEPS_PER_TURN * data.frequency[-1])
+    return [float(each) for each in steps]
+
+
+def low_ground(
+    model: ModalModel, data: LogResponse, delay: float = 0.0
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the ground in 1/G = K + D s + m s² + c s³ at the lowest points, and its standard deviations.
+
+    No mode is near them. Beyond what noise explains the residuals count as errors.
+    """
+    low = slice(max(MIN_LOW_POINTS, int(np.sum(data.frequency < LOW_FREQUENCY_RATIO * data.frequency[0]))))
+    s, inverse = data.s[low], np.exp(-data.s[low] * delay) / data.response[low]
+    weight = np.sqrt(data.weight[low]) / np.abs(inverse)
+    series = np.stack([s**2, s**3], axis=1)
+    columns = _real((np.concatenate([model.ground_columns(s), series], axis=1) * weight[:, None]).T).T
+    scale, target = np.linalg.norm(columns, axis=0), _real(inverse * weight)
+    solver = np.linalg.pinv(columns / scale) / scale[:, None]
+    residual = target - columns @ (solver @ target)
+    spread = float(np.sum(residual**2)) / max(target.size - scale.size, 1)
+    spread = spread if data.covariance is None else max(spread, 1.0)
+    count = len(model.ground)
+    return (solver @ target)[:count], np.sqrt(spread) * np.linalg.norm(solver[:count], axis=1)
 
 
 def _pursue(
     basis: NDArray[np.float64],
-    dictionary: tuple[NDArray[np.float64], NDArray[np.float64]],
+    rows: NDArray[np.float64],
     target: NDArray[np.float64],
     count: int,
     last: int,
 ) -> Iterator[list[int]]:
     """Yield the `count` rows of the dictionary that describe the target best, with `last` choices of the last row.
 
-    The basis is always in the fit. The dictionary is its rows and their sums of squares.
+    The basis is always in the fit.
     """
     places: list[int] = []
-    rows, power = dictionary
+    power = np.sum(rows**2, axis=1)
     for _ in range(count - 1):
         places.append(int(np.argmax(_error_reduction(np.vstack([basis, rows[places]]), rows, power, target))))
     if not count:
@@ -182,10 +211,10 @@ def _coefficients(basis: NDArray[np.float64], target: NDArray[np.float64]) -> ND
 
 
 def _vector(
-    model: ModalModel, gains: NDArray[np.float64], poles: NDArray[np.float64], rate: float, time: float
+    model: ModalModel, gains: NDArray[np.float64], poles: NDArray[np.float64], end: ModelEnd
 ) -> NDArray[np.float64]:
     modes = np.column_stack([np.log(poles), gains[1:] / gains[0]])
-    ends = [rate / model.rate_unit] * model.fit_viscous + [time / model.time_unit] * (model.dead_time is None)
+    ends = [*(end.ground * gains[0] / model.ground_units), *[end.delay / model.time_unit] * (model.dead_time is None)]
     return model.sort_modes(np.concatenate([[np.log(gains[0])], modes.ravel(), ends]))
 
 
@@ -235,7 +264,7 @@ class Solution:
 
     @cached_property
     def covariance(self) -> NDArray[np.float64]:
-        """Covariance of p, shape (size, size): A⁻¹ B A⁻¹ with A = JᵀWJ and B = JᵀW C W J.
+        """Covariance of p, shape (size, size): A⁻¹ B A⁻¹ with A = JᵀWJ and B = JᵀW C W J, common errors included.
 
         If the covariance C of the response is unknown, the residuals give it. If the residuals exceed by far what C
         explains, the model is wrong, and C is scaled up to them. Residuals that are correlated with their neighbours
@@ -244,13 +273,9 @@ class Solution:
         if self.data.covariance is None:
             return self._inverse * self.excess * self.correlation_factor
         middle = self.data.scatter(self.model.jacobian(self.p, self.data.s))
-        return (
-            self._inverse
-            @ middle
-            @ self._inverse
-            * (self.excess if self.has_model_error else 1.0)
-            * self.correlation_factor
-        )
+        middle = middle * (self.excess if self.has_model_error else 1.0) * self.correlation_factor
+        common = self.jacobian.T @ self.data.weighted_parts(self.data.common)
+        return self._inverse @ (middle + common @ common.T) @ self._inverse
 
     @property
     def reported_covariance(self) -> NDArray[np.float64]:
@@ -275,10 +300,7 @@ class Solution:
     @property
     def unexplained(self) -> float:
         """The part of the residual that known noise does not explain."""
-        noise = 0.0
-        if self.data.covariance is not None:
-            parts = np.diagonal(self.data.covariance, axis1=1, axis2=2)[:, : self.data.parts]
-            noise = float(np.mean(np.sum(parts, axis=1)))
+        noise = float(np.mean(np.sum(self.data.variances, axis=1)))
         return float(np.sqrt(max(self.residual**2 - noise, 0.0)))
 
     @property
@@ -344,7 +366,7 @@ class Solution:
             return tuple(name for name, part in zip(names, np.abs(right[-1]), strict=True) if part > 0.1)
         low, high = self.model.bounds()
         near = (self.p < low + 1e-3) | (self.p > high - 1e-3)
-        for place in range(3, self.model.damping_place, 3):
+        for place in range(3, self.model.ground_place, 3):
             slope = np.zeros(self.p.size)
             slope[0], slope[place] = self.p[place], 1.0  # of k0 r, over k0
             near[place] |= abs(self.p[place]) < MIN_GAIN_STDS * np.sqrt(
@@ -372,9 +394,10 @@ def solve(model: ModalModel, data: LogResponse, before: Solution | None = None) 
 def _search(model: ModalModel, data: LogResponse, before: Solution | None) -> NDArray[np.float64]:
     """Return the best p of a search."""
     dictionary = ModeDictionary(data)
-    firsts = sorted(start_vectors(model, dictionary, np.empty((0, 2))), key=lambda p: Solution(model, data, p).cost)
-    ends = {(model.rate(p), model.delay(p)): p for p in reversed(firsts)}  # the best one for each of these
-    tried = sorted(ends.values(), key=lambda p: Solution(model, data, p).cost)[:MAX_TRIAL_DELAYS]
+    no_modes = np.empty((0, 2))
+    of_ends = ([*start_vectors(model, dictionary, end, no_modes, 1)] for end in _ends(model, data))
+    firsts = [min(found, key=lambda p: Solution(model, data, p).cost) for found in of_ends if found]
+    tried = sorted(firsts, key=lambda p: Solution(model, data, p).cost)[:MAX_TRIAL_DELAYS]
     if before is not None:
         tried += _extended_starts(model, dictionary, before.model.poles(before.p), before.p, before.model)
     best = _best(model, data, tried)
@@ -398,7 +421,7 @@ def _exchange_starts(
 
     Two modes that overlap have a local minimum: a double pole with large modal gains of opposite sign.
     """
-    poles, modes = model.poles(p), p[1 : model.damping_place].reshape(-1, 3)
+    poles, modes = model.poles(p), p[1 : model.ground_place].reshape(-1, 3)
     without = [np.delete(poles, i, axis=0) for i in range(model.modes)]
     found = [one for others in without for one in _extended_starts(model, dictionary, others, p, model)]
     for i in range(model.modes - 1):
@@ -406,17 +429,16 @@ def _exchange_starts(
         middle = np.array([(first[0] + second[0]) / 2, np.log(damping / 2), (first[2] + second[2]) / 2])
         offset = np.array([damping / 2, 0.0, 0.0])
         split = np.vstack([modes[:i], middle - offset, middle + offset, modes[i + 2 :]])
-        found.append(np.concatenate([p[:1], split.ravel(), p[model.damping_place :]]))
+        found.append(np.concatenate([p[:1], split.ravel(), p[model.ground_place :]]))
     return found
 
 
 def _extended_starts(
     model: ModalModel, dictionary: ModeDictionary, poles: NDArray[np.float64], p: NDArray[np.float64], found: ModalModel
 ) -> list[NDArray[np.float64]]:
-    """Return start values with these poles and one more, and with rate and delay of a fit."""
-    return list(
-        start_vectors(model, dictionary, poles, (np.array([max(found.rate(p), 0.0)]), np.array([found.delay(p)])))
-    )
+    """Return start values with these poles and more, and with ground and delay of a fit."""
+    end = ModelEnd(found.ground_forces(p), found.delay(p))
+    return list(start_vectors(model, dictionary, end, poles, LAST_MODE_CHOICES))
 
 
 def _best(model: ModalModel, data: LogResponse, tried: list[NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -514,12 +536,10 @@ def _std(solution: Solution, slope: NDArray[np.float64]) -> float:
     return float(np.sqrt(max(slope @ solution.covariance @ slope, slope @ solution.jackknife @ slope)))
 
 
+MIN_SPRING_STDS = 4.0
+"""Standard deviations from 0 from which a spring to ground is significant."""
 EXTRA_MODES = 2
 """Modes that are tried after one that did not help: two modes close together may help only as a pair."""
-FOLDS = 5
-"""Parts of the points that are held out in turn."""
-NEGLIGIBLE_GAIN = 0.01
-"""Gain that counts as none, relative to the error that noise explains."""
 
 
 def mode_limit(data: LogResponse, model: ModalModel) -> int:
@@ -565,78 +585,20 @@ class OrderChoice:
     """What the data do not support in fits with smaller residuals, and why; empty if there is nothing."""
 
 
-def chosen_by_information(model: ModalModel, data: LogResponse, max_order: int) -> OrderChoice:
+def chosen_order(model: ModalModel, data: LogResponse, max_order: int) -> OrderChoice:
     """Return the fit with the smallest information criterion among those whose modes the data support."""
     found: list[Solution] = []
     for solution in nested_fits(model, data, max_order):
         found.append(solution)
         if solution.model.modes >= min(found, key=information_criterion).model.modes + EXTRA_MODES:
             break
-    if not found:
-        return OrderChoice(None, "")
-    best = min(found, key=information_criterion)
-    return _first_supported(found, lambda one: information_criterion(one, best.correlation_factor))
-
-
-def chosen_by_hold_out(model: ModalModel, data: LogResponse, max_order: int) -> OrderChoice:
-    """Return the fit with the fewest modes that predicts held-out points as well as the best.
-
-    As well is within one standard error of the difference (one-standard-error rule: L. Breiman et al., Classification
-    and Regression Trees, 1984, section 3.4.3).
-    """
-    errors: dict[int, NDArray[np.float64]] = {}
-    found: list[Solution] = []
-    for solution in nested_fits(model, data, max_order):
-        modes = solution.model.modes
-        error = _held_out_errors(solution, data)
-        if error is not None:
-            errors[modes] = error
-            found.append(solution)
-        if modes >= min(errors, key=lambda one: float(np.mean(errors[one])), default=modes) + EXTRA_MODES:
-            break
-    if not found:
-        return OrderChoice(None, "")
-    best = min(found, key=lambda one: float(np.mean(errors[one.model.modes])))
-
-    def rank(one: Solution) -> float:
-        difference = errors[one.model.modes] - errors[best.model.modes]
-        negligible = max(
-            float(np.std(difference)) / np.sqrt(difference.size), NEGLIGIBLE_GAIN * data.expected / data.frequency.size
-        )
-        loss = float(np.mean(difference))
-        return -1.0 / (1 + one.model.modes) if loss <= negligible else loss
-
-    return _first_supported(found, rank)
-
-
-def _first_supported(found: list[Solution], rank: Callable[[Solution], float]) -> OrderChoice:
-    """Return the first fit by rank without unsupported parts, and the shortest list of those in the fits before it."""
-    fewest: tuple[str, ...] = ()
-    for solution in sorted(found, key=rank):
+    factor, fewest = min(found, key=information_criterion).correlation_factor if found else 1.0, ("",)
+    for solution in sorted(found, key=lambda one: information_criterion(one, factor)):
         unsupported = unsupported_parts(solution)
         if not unsupported:
             return OrderChoice(solution, "; ".join(fewest))
-        fewest = unsupported if not fewest or len(unsupported) < len(fewest) else fewest
+        fewest = unsupported if not any(fewest) or len(unsupported) < len(fewest) else fewest
     return OrderChoice(None, "; ".join(fewest))
-
-
-def _held_out_errors(solution: Solution, data: LogResponse) -> NDArray[np.float64] | None:
-    """Return the weighted squared error of each point in a fit to the others, shape (n,); None if a fit fails.
-
-    The fits to the others start where the fit to all points ended.
-    """
-    model = solution.model
-    errors = np.empty(data.frequency.size)
-    places = np.arange(data.frequency.size)
-    for fold in range(FOLDS):
-        out = places[fold::FOLDS]
-        descent = descend(model, data.subset(np.setdiff1d(places, out)), solution.p)
-        if not descent.converged:
-            return None
-        held = data.subset(out)
-        error = held.error(model.log_response(descent.p, held.s))
-        errors[out] = np.sum(held.weighted_parts(error).reshape(held.parts, -1) ** 2, axis=0)
-    return errors
 
 
 def fit_of_order(model: ModalModel, data: LogResponse) -> Solution:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from fraexp.api import (
     Curve,
     Estimator,
-    Finding,
     Fit,
     FrequencyResponse,
     Metric,
@@ -23,6 +22,7 @@ from fraexp.api import (
     remarks,
 )
 from fraexp_plugins.identification.plant._modal_model import (
+    GROUND,
     LogResponse,
     ModalModel,
     Weighting,
@@ -31,14 +31,15 @@ from fraexp_plugins.identification.plant._modal_model import (
 )
 from fraexp_plugins.identification.plant._modal_solver import (
     MAX_PEAK_DAMPING,
+    MIN_SPRING_STDS,
     NORMAL_QUANTILE,
     WHITENESS_PROBABILITY,
     OrderChoice,
     Solution,
-    chosen_by_hold_out,
-    chosen_by_information,
+    chosen_order,
     count_text,
     fit_of_order,
+    low_ground,
     mode_limit,
     unsupported_parts,
     whiteness,
@@ -48,6 +49,8 @@ PairsOf = Callable[[ModalModel, NDArray[np.float64]], NDArray[np.float64]]
 """Returns natural frequency [Hz] and damping ratio of poles or zeros, shape (m, 2), for p."""
 QUANTITIES = ("frequency", "Hz"), ("damping ratio", "1"), ("magnitude", "")
 """Columns and their units; that of the magnitude is the response's."""
+MIN_ROOT = 1e-6
+"""Least imaginary part of a root that counts: those at 0 have none but for rounding."""
 DERIVATIVE_STEP = 1e-5
 """Step of p in central differences; all of p is of the order of 1."""
 
@@ -63,8 +66,12 @@ def extremum_curves(solution: Solution, unit: str) -> tuple[Curve, ...]:
 
 
 def resonances(model: ModalModel, p: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return natural frequency [Hz] and damping ratio of the poles of the modes, shape (m, 2)."""
-    return model.poles(p)
+    """Return natural frequency [Hz] and damping ratio of the complex poles, ascending, shape (m, 2)."""
+    zeros, poles = _polynomials(model, p)
+    scale = _scale(model)
+    ground = zip(model.ground, model.ground_forces(p).tolist(), strict=True)
+    terms = {GROUND[name]: value * np.exp(p[0]) / scale ** (2 - GROUND[name]) for name, value in ground}
+    return _pairs(np.polyadd(poles, np.convolve(zeros, [terms.get(power, 0.0) for power in (1, 0)])), scale)
 
 
 def antiresonances(model: ModalModel, p: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -72,20 +79,35 @@ def antiresonances(model: ModalModel, p: NDArray[np.float64]) -> NDArray[np.floa
 
     Without collocation a zero may lie to the right, with a negative damping ratio, or be real.
     """
-    scale = 2 * np.pi * np.sqrt(model.min_frequency * model.max_frequency)
-    poles = [np.array([1.0, model.rate(p) / scale, 0.0])]
+    return _pairs(_polynomials(model, p)[0], _scale(model))
+
+
+def _scale(model: ModalModel) -> float:
+    """Return an angular frequency within the frequency range [rad/s], over which roots are of the order of 1."""
+    return float(2 * np.pi * np.sqrt(model.min_frequency * model.max_frequency))
+
+
+def _polynomials(model: ModalModel, p: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return numerator and denominator of P/k0 by s over the scale, the highest power first."""
+    factors, scale = [np.array([1.0, 0.0, 0.0])], _scale(model)
     for frequency, zeta in model.poles(p):
         omega = 2 * np.pi * frequency / scale
-        poles.append(np.array([1.0, 2 * zeta * omega, omega**2]))
-    gains = np.concatenate([[1.0], p[3 : model.damping_place : 3]])
-    zeros = np.roots(sum(_product(poles, at) * gain for at, gain in enumerate(gains)))
-    upper = zeros[zeros.imag > 0]
+        factors.append(np.array([1.0, 2 * zeta * omega, omega**2]))
+    gains = np.concatenate([[1.0], p[3 : model.ground_place : 3]])
+    zeros = np.sum([_product(factors, at) * gain for at, gain in enumerate(gains)], axis=0)
+    return zeros, _product(factors, len(factors))
+
+
+def _pairs(polynomial: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+    """Return natural frequency [Hz] and damping ratio of the complex roots, ascending, shape (m, 2)."""
+    roots = np.roots(polynomial)
+    upper = roots[roots.imag > MIN_ROOT]
     upper = upper[np.argsort(np.abs(upper))]
     return np.column_stack([np.abs(upper) * scale / (2 * np.pi), -upper.real / np.abs(upper)])
 
 
 def _product(factors: list[NDArray[np.float64]], without: int) -> NDArray[np.float64]:
-    """Return the product of all polynomials but one."""
+    """Return the product of all polynomials but the one in this place."""
     total = np.ones(1, dtype=np.float64)
     for at, factor in enumerate(factors):
         total = total if at == without else np.convolve(total, factor)
@@ -139,7 +161,25 @@ CURVE_POINTS = 400
 """Frequencies of the fitted model's curve: enough for a resonance with 1 % damping."""
 
 
-class ModalFit(Estimator, name="modal_fit", version=5):
+MIN_GROUND_STDS = {"viscous_coefficient": 0.0, "ground_stiffness": MIN_SPRING_STDS}
+"""Standard deviations above 0 from which a force of ground is kept."""
+
+
+class CheckedFit(NamedTuple):
+    """A fit, and what it leaves out."""
+
+    solution: Solution
+    causes: tuple[str, ...]
+    fall: float
+    """Standard deviations by which the viscous coefficient was below 0 before it was fixed at 0."""
+
+
+def _size_in_stds(solution: Solution, name: str) -> float:
+    place = solution.model.names().index(name)
+    return float(solution.p[place] / np.sqrt(solution.covariance[place, place]))
+
+
+class ModalFit(Estimator, name="modal_fit", version=6):
     """P_d(s) e^{-Ls} of the paper's eq (1), fitted to the response of `method`: rigid body, modes and dead time.
 
     Minimises Σ w_k |ln(G_m(jω_k)/Ĝ_k)|², the weighted logarithmic residual (J. D. Sidman, F. E. DeAngelis and
@@ -168,7 +208,10 @@ class ModalFit(Estimator, name="modal_fit", version=5):
     A number of modes that is not given is chosen such that the data support all modes: none lies outside of the
     frequency range unless its natural frequency is known to 5 %, has too much damping for a peak, or a modal gain that
     may vanish without a few points. The message names the modes that were dropped. Residuals that are correlated with
-    their neighbours count as fewer in the covariance and in `criterion`.
+    their neighbours count as fewer in the covariance and in the criterion.
+
+    With `fit_ground` a viscous force D v and a spring K y act on the mass in addition, which move together with the
+    measured position: G = e^{-Ls}/(1/P + D s + K), which is 1/(M s² + D s + K) for a mass without modes.
 
     Do not use it if the response is biased by friction, unless to show that bias: the fit follows the response, not
     the plant.
@@ -179,18 +222,21 @@ class ModalFit(Estimator, name="modal_fit", version=5):
 
     method: Estimator = param("", "estimator of the response that is fitted")
     modes: int | None = param(
-        "1", "number of modes; chosen by `criterion` if it is not given", None, at_least=0, at_most=12
+        "1",
+        "number of modes; chosen by the extended Bayesian information criterion if it is not given",
+        None,
+        at_least=0,
+        at_most=12,
     )
     max_modes: int = param("1", "largest number of modes to try if it is not given", 6, at_least=0, at_most=12)
-    criterion: Literal["information", "hold_out"] = param(
-        "", "criterion for the number of modes: information (extended BIC) or hold_out", "information"
-    )
     min_frequency: float = param("Hz", "lower limit of the frequency range of the fit", 0.0, at_least=0)
     max_frequency: float | None = param(
         "Hz", "upper limit of the frequency range of the fit; none if it is not given", None, above=0
     )
     dead_time: float | None = param("s", "fixed dead time L; estimated if it is not given", None)
-    fit_viscous: bool = param("", "whether a viscous coefficient of the rigid body is fitted", False)
+    fit_ground: bool = param(
+        "", "whether viscous friction and a significant spring between mass and ground are fitted too", False
+    )
     quantity: Literal["complex", "magnitude"] = param(
         "", "quantity that is fitted: complex, or magnitude, which has no dead time", "complex"
     )
@@ -248,20 +294,29 @@ class ModalFit(Estimator, name="modal_fit", version=5):
 
     def fit_response(self, response: FrequencyResponse) -> Result:
         """Return a response with the plant that is fitted to it; RecordError if there is none."""
-        solution, found = self._checked_fit(response)
+        found = self.solve(response)
+        return self.report(found.solution, found.causes, response)
+
+    def report(self, solution: Solution, causes: tuple[str, ...], response: FrequencyResponse) -> Result:
+        """Return a response with the plant of a solution."""
         return Result(
             Outcome.INACCURATE if solution.unexplained > MAX_UNEXPLAINED else Outcome.OK,
-            found,
+            remarks(*causes, *_remarks(solution)),
             response,
             tuple(self._metrics(solution, response.unit)),
             (_model_curve(solution, response.unit), _error_curve(solution), *extremum_curves(solution, response.unit)),
             (self._fit(solution, response.unit),),
         )
 
-    def _checked_fit(self, response: FrequencyResponse) -> tuple[Solution, tuple[Finding, ...]]:
-        """Return the fit to a response, and remarks on it."""
+    def log_data(self, response: FrequencyResponse, common: NDArray[np.complex128] | None = None) -> LogResponse:
+        """Return what is fitted; `common` are relative errors that all frequencies share, shape (n, k)."""
         band = (self.min_frequency, np.inf if self.max_frequency is None else self.max_frequency)
-        data = log_response(response, band, self.weighting, self.model_error, 1 if self.quantity == "magnitude" else 2)
+        parts = 1 if self.quantity == "magnitude" else 2
+        return log_response(response, band, self.weighting, self.model_error, parts, common)
+
+    def solve(self, response: FrequencyResponse, common: NDArray[np.complex128] | None = None) -> CheckedFit:
+        """Return the fit to a response; `common` are relative errors that all frequencies share, shape (n, k)."""
+        data = self.log_data(response, common)
         dead_time = 0.0 if self.quantity == "magnitude" and self.dead_time is None else self.dead_time
         if not data.frequency.size:
             raise RecordError(
@@ -269,13 +324,24 @@ class ModalFit(Estimator, name="modal_fit", version=5):
                 "max_frequency"
             )
         limits = float(data.frequency[0]), float(data.frequency[-1])
-        model = ModalModel(self.modes or 0, *limits, self.fit_viscous, dead_time)
+        model = ModalModel(self.modes or 0, *limits, (), dead_time)
+        if self.fit_ground:
+            sizes = zip(GROUND, *low_ground(replace(model, ground=tuple(GROUND)), data), strict=True)
+            kept = [
+                name for name, value, std in sizes if not MIN_GROUND_STDS[name] or value > MIN_GROUND_STDS[name] * std
+            ]
+            model = replace(model, ground=tuple(kept))
         solution, unsupported = self._fit_modes(model, data)
-        negative = ""
-        if self.fit_viscous and solution.model.rate(solution.p) < 0:
-            solution, unsupported = self._fit_modes(replace(model, fit_viscous=False), data)
-            negative = "the viscous coefficient would be negative and is fixed at 0"
-        return solution, remarks(negative, unsupported, *_remarks(solution))
+        negative, fall = "", 0.0
+        for name in reversed(model.ground):
+            size = _size_in_stds(solution, name)
+            if size >= MIN_GROUND_STDS[name]:
+                continue
+            if name == "viscous_coefficient":
+                negative, fall = "the viscous coefficient would be negative and is fixed at 0", -size
+            others = tuple(each for each in solution.model.ground if each != name)
+            solution, unsupported = self._fit_modes(replace(model, ground=others), data)
+        return CheckedFit(solution, (negative, unsupported), fall)
 
     def _fit_modes(self, model: ModalModel, data: LogResponse) -> tuple[Solution, str]:
         """Return the fit, and a remark on modes that the data do not support."""
@@ -293,9 +359,8 @@ class ModalFit(Estimator, name="modal_fit", version=5):
             advice = f"use {'fewer' if self.modes else 'more'} modes or another frequency range"
             remark = f"the data do not support {unsupported}: {advice}" if unsupported else ""
         else:
-            choose = chosen_by_information if self.criterion == "information" else chosen_by_hold_out
-            choice = choose(model, data, min(possible, self.max_modes))
-            solution = _chosen_solution(choice)
+            choice = chosen_order(model, data, min(possible, self.max_modes))
+            solution = self._chosen_solution(choice)
             remark = f"dropped, because the data do not support it: {choice.dropped}" if choice.dropped else ""
         if solution.unidentifiable:
             raise RecordError(
@@ -307,9 +372,25 @@ class ModalFit(Estimator, name="modal_fit", version=5):
             raise RecordError(
                 f"modal_fit: the residual is {residual:.2g} in the logarithm; expected {MAX_RESIDUAL:g} or less, for a "
                 "response of position over force: choose a frequency range (min_frequency, max_frequency) that is "
-                "excited and free of friction, or more modes" + (f" ({remark})" if remark else "")
+                f"excited and free of friction, or more modes{self._ground_advice}" + (f" ({remark})" if remark else "")
             )
         return solution, remark
+
+    @property
+    def _ground_advice(self) -> str:
+        return "" if self.fit_ground else ", or fit_ground if a spring or viscous friction holds the mass"
+
+    def _chosen_solution(self, choice: OrderChoice) -> Solution:
+        """Return the chosen fit; RecordError if there is none."""
+        if choice.solution is None:
+            raise RecordError(
+                "modal_fit: the response does not support a fit, whatever its number of modes"
+                + (f": {choice.dropped}" if choice.dropped else "")
+                + "; expected a response of position over force: choose a frequency range (min_frequency, "
+                f"max_frequency) that is free of friction and noise, or a method that compensates friction"
+                f"{self._ground_advice}"
+            )
+        return choice.solution
 
     def _fit(self, solution: Solution, unit: str) -> Fit:
         """Return the plant with the covariance of its parameters; that of a fixed dead time is 0."""
@@ -333,18 +414,6 @@ class ModalFit(Estimator, name="modal_fit", version=5):
         yield Metric("whiteness", _whiteness(solution), "1")
 
 
-def _chosen_solution(choice: OrderChoice) -> Solution:
-    """Return the chosen fit; RecordError if there is none."""
-    if choice.solution is None:
-        raise RecordError(
-            "modal_fit: the response does not support a fit, whatever its number of modes"
-            + (f": {choice.dropped}" if choice.dropped else "")
-            + "; expected a response of position over force: choose a frequency range (min_frequency, max_frequency) "
-            "that is free of friction and noise, or a method that compensates friction"
-        )
-    return choice.solution
-
-
 def _values(solution: Solution) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return values and covariance of the parameters in SI units."""
     slopes = solution.model.slopes(solution.p)
@@ -354,7 +423,12 @@ def _values(solution: Solution) -> tuple[NDArray[np.float64], NDArray[np.float64
 def _units(model: ModalModel, unit: str) -> tuple[str, ...]:
     """Return the units of the parameters for a response in this unit."""
     plant = unit == PLANT_UNIT
-    ends = ["N s/m" if plant else f"s/({unit})"] * model.fit_viscous + ["s"] * (model.dead_time is None)
+    ground = (
+        {"viscous_coefficient": "N s/m", "ground_stiffness": "N/m"}
+        if plant
+        else {"viscous_coefficient": f"s/({unit})", "ground_stiffness": f"1/({unit})"}
+    )
+    ends = [*(ground[name] for name in model.ground), *["s"] * (model.dead_time is None)]
     return ("m/(N s**2)" if plant else f"({unit})/s**2", *["Hz", "1", "1"] * model.modes, *ends)
 
 

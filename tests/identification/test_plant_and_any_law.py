@@ -7,13 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 from fraexp_plugins.estimators.conventional import Conventional
-from fraexp_plugins.identification.autonomous._autonomous_plant import (
-    InverseResponse,
-    identify_plant,
-)
-from fraexp_plugins.identification.autonomous._law_fit import MAX_FALL
+from fraexp_plugins.identification.autonomous._identified_plant import InverseResponse, identify_plant
 from fraexp_plugins.identification.autonomous._law_interval import sum_interval
-from fraexp_plugins.identification.autonomous.plant_and_law import PlantAndLaw
+from fraexp_plugins.identification.autonomous._law_report import MAX_FALL
+from fraexp_plugins.identification.autonomous.plant_and_friction import PlantAndFriction
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 
@@ -21,13 +18,13 @@ from fraexp.components.kinds import Controller, Excitation, FrictionModel, Plant
 from fraexp.components.registry import create
 from fraexp.data.results import Outcome
 from fraexp.data.signals import Signals
-from fraexp.errors import RecordError
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from fraexp.study.study_file import packaged_studies
 from tests.identification.plant_responses import measured
 
 MACHINE = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table.toml").read_text(encoding="utf-8"))
+ESTIMATOR = PlantAndFriction(law="any", estimate_dead_time=True, resolution=1e-7, noise=30e-9, validation=1)
 FORCE, VISCOUS = 17.9, 4.69
 LUGRE = {
     "name": "lugre", "bristle_stiffness": 0.4e6, "bristle_damping": 100.0, "viscous_coefficient": VISCOUS,
@@ -88,16 +85,11 @@ def test_friction_that_falls_with_velocity_is_noticed_in_the_plant(viscous: floa
     assert (plant.fall > MAX_FALL, plant.viscous > 0) == (viscous < 0, viscous > 0)
 
 
-def test_one_amplitude_is_refused(recorded: Any) -> None:
-    with pytest.raises(RecordError, match="record each frequency at three amplitudes"):
-        PlantAndLaw().estimate(recorded(MACHINE["friction"], (40.0,)))
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize("friction", [MACHINE["friction"], LUGRE], ids=lambda each: each["name"])
 def test_plant_and_force_are_found_whatever_the_law(friction: dict[str, Any], recorded: Any) -> None:
     signals = recorded(friction, (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
-    result = PlantAndLaw(resolution=1e-7, noise=30e-9, validation=1).estimate(signals)
+    result = ESTIMATOR.estimate(signals)
     metrics = {metric.name: metric.value for metric in result.metrics}
     assert metrics["verdict"] == 1, result.message
     assert result.outcome is Outcome.OK
@@ -122,7 +114,7 @@ def test_a_wrong_channel_has_no_good_verdict(recorded: Any) -> None:
         replace(segment, channels={**segment.channels, "u": gain * segment.channels["u"]})
         for segment, gain in zip(signals.segments, gains[order], strict=True)
     )
-    result = PlantAndLaw(validation=1).estimate(replace(signals, segments=segments))
+    result = ESTIMATOR.estimate(replace(signals, segments=segments))
     assert result.outcome is Outcome.INACCURATE
     assert next(metric.value for metric in result.metrics if metric.name == "verdict") == 0
 
@@ -130,7 +122,7 @@ def test_a_wrong_channel_has_no_good_verdict(recorded: Any) -> None:
 @pytest.mark.thorough
 def test_friction_that_hides_its_weakening_has_no_false_verdict(recorded: Any) -> None:
     signals = recorded({**WEAKENING, "stribeck_velocity": 0.1}, (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
-    result = PlantAndLaw(resolution=1e-7, noise=30e-9, validation=1).estimate(signals)
+    result = ESTIMATOR.estimate(signals)
     metrics = {metric.name: metric.value for metric in result.metrics}
     error = abs(metrics["Coulomb force"] - FORCE)
     assert error <= metrics["Coulomb force, 95 %"]

@@ -35,7 +35,7 @@ UNIT_EXCESS, START_RATIO = 0.2, 0.6
 
 
 @dataclass(frozen=True)
-class LawElements:
+class LawForces:
     """The columns of force of a law [N] per newton of their size: those that keep their force in sliding come first.
 
     A law with lists of numbers is one of elements: each threshold of a grid is a column, and each of several dampers,
@@ -94,7 +94,7 @@ class LawElements:
     @property
     def is_linear(self) -> bool:
         """Whether the shape is nothing but the elements' dampers, which several columns stand for."""
-        return bool(self._dampers) and self.shape.size == 1
+        return bool(self._dampers) and len(self.units) == 1
 
     @property
     def ratios(self) -> tuple[float, ...]:
@@ -107,6 +107,11 @@ class LawElements:
         if self.thresholds.size:
             return np.ones(self.thresholds.size * len(self.ratios), dtype=bool)
         return np.arange(1 + len(self._dampings)) == 0
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the numbers of the shape."""
+        return self.numbers.units
 
     @property
     def static_excess(self) -> float:
@@ -171,7 +176,7 @@ class LawElements:
             changes[self._dampers] = tuple(damping[acts].tolist())
         return _changed(model, changes)
 
-    def refine(self, sizes: NDArray[np.float64]) -> "LawElements":
+    def refine(self, sizes: NDArray[np.float64]) -> "LawForces":
         """Return elements with finer thresholds around those that have a force, of the same shape."""
         if not self.thresholds.size:
             return self
@@ -186,22 +191,9 @@ class LawElements:
         found = np.log(self.thresholds[places])[:, None] + ratio * steps
         return replace(self, thresholds=np.exp(np.unique(np.round(found, 6))))
 
-    def acting(self, sizes: NDArray[np.float64]) -> tuple["LawElements", NDArray[np.float64]]:
-        """Return the elements that have a force, and the sizes of their columns: the same force in less time."""
-        parts = sizes.reshape(len(self.ratios), -1)
-        acts = parts.any(axis=0)
-        if not self.thresholds.size or not acts.any():
-            return self, sizes
-        return replace(self, thresholds=self.thresholds[acts]), parts[:, acts].ravel()
-
     def starting_at(self, sizes: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the shape whose numbers have sizes given by their units, and forces an excess; others stay."""
         return self.numbers.coordinates_at(sizes)
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Units of the numbers of the shape."""
-        return self.numbers.units
 
 
 def _changed(model: FrictionModel, values: Mapping[str, Any]) -> FrictionModel:
@@ -210,21 +202,25 @@ def _changed(model: FrictionModel, values: Mapping[str, Any]) -> FrictionModel:
     return type(model)(**{**fields, **known})
 
 
-def built_in_laws(velocity: float) -> dict[str, FrictionModel]:
-    """Return the laws that are tried in any case, with a force of 1 N, the cheapest first.
+def elements_law(has_dampers: bool) -> FrictionModel:
+    """Return rolling friction of one element, with a force of 1 N."""
+    damping = {"damping": (1.0,)} if has_dampers else {}
+    return Rolling(stiffness=(1.0,), limit_force=(1.0,), **damping)
+
+
+def laws_of_fraexp(velocity: float) -> tuple[FrictionModel, ...]:
+    """Return the other laws that fraexp has, with a force of 1 N, the cheapest first; that of elements is the last.
 
     The damper of bristles makes a force of 1 N, too, where they bend at `velocity` [m/s].
     """
     stribeck = {"coulomb_force": 1.0, "static_force": 1 + UNIT_EXCESS, "stribeck_velocity": velocity}
     bristles = {"bristle_stiffness": 1.0, "bristle_damping": 1 / velocity, **stribeck}
-    laws = (
-        Rolling(stiffness=(1.0,), limit_force=(1.0,), damping=(1.0,)),
+    return (
         Dahl(stiffness=1.0, coulomb_force=1.0),
         LuGre(**bristles),
         Elastoplastic(**bristles, elastic_limit_ratio=START_RATIO),
         GeneralizedMaxwellSlip(stiffness=(1.0,), force_fractions=(1.0,), attraction_rate=1.0, **stribeck),
     )
-    return {law.name: law for law in laws}
 
 
 def unit_law(model: FrictionModel) -> FrictionModel:
