@@ -22,8 +22,8 @@ from fraexp_plugins.identification._shared.law_numbers import EXPONENTS, VISCOUS
 
 RELAXATIONS = (0.0, 0.6, 1.7)
 """Dampers of an element over the relaxation time."""
-REFINEMENT, MIN_SHARE = 4, 1e-3
-"""Thresholds on either side up to the neighbour, and least share of the force of an element around which they are."""
+REFINEMENT, MIN_SHARE = 4, 1e-5
+"""Parts of the gaps between an element's threshold and its neighbours, and least share of its force."""
 SLOW_STEP_S = 1e3
 """Time step of a slow displacement."""
 LEAST_FORCE = 1e-12
@@ -184,12 +184,13 @@ class LawForces:
         places = np.flatnonzero(forces > MIN_SHARE * forces.sum())
         if not places.size:
             return self
-        steps = np.linspace(-1.0, 1.0, 2 * REFINEMENT + 1)
-        if places.size * steps.size > self.thresholds.size:  # each of many elements is small, and the grid fine enough
-            steps = np.array([-0.5, 0.0, 0.5])
-        ratio = np.log(self.thresholds[1] / self.thresholds[0])
-        found = np.log(self.thresholds[places])[:, None] + ratio * steps
-        return replace(self, thresholds=np.exp(np.unique(np.round(found, 6))))
+        # each of many elements is small, and the grid fine enough
+        parts = REFINEMENT if places.size * 2 * REFINEMENT <= self.thresholds.size else 2
+        known = np.log(self.thresholds)
+        gaps = np.unique(np.concatenate([places - 1, places]))
+        gaps = gaps[(gaps >= 0) & (gaps < known.size - 1)]
+        between = known[gaps, None] + (known[gaps + 1] - known[gaps])[:, None] * np.arange(1, parts) / parts
+        return replace(self, thresholds=np.exp(np.sort(np.append(between, known))))
 
     def starting_at(self, sizes: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the shape whose numbers have sizes given by their units, and forces an excess; others stay."""

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification.autonomous._law_forces import LawForces, laws_of_fraexp
 from fraexp_plugins.identification.autonomous._law_search import LawSearch
 from fraexp_plugins.identification.autonomous._line_records import LineRecords
@@ -108,12 +109,14 @@ def law_uncertainty(law: LawForces, dead_time: float, records: LineRecords, may_
     matrix = np.concatenate(columns, axis=1)
     chosen = np.arange(matrix.shape[1]) < sizes.size
     chosen[: sizes.size] &= law.is_coulomb
-    low, high = sum_interval(matrix, problem.target, chosen, INTERVAL_STDS**2 * square)
-    found = float(sizes[law.is_coulomb].sum())
+    low, high = sum_interval(matrix, problem.target, chosen, INTERVAL_STDS**2 * max(square, 1.0))
+    found, coulomb = float(sizes[law.is_coulomb].sum()), np.append(np.zeros(law.shape.size), law.is_coulomb)
+    half_width = NORMAL_QUANTILE * float(np.sqrt(coulomb @ covariance @ coulomb))
     is_complete = low <= found <= high
     if not is_complete:  # what the few elements show of the effect is a part of it
         low, high = found + INCOMPLETE_RATIO * (low - found), found + INCOMPLETE_RATIO * (high - found)
-    return LawUncertainty(covariance, (min(low, found), max(high, found)), is_complete)
+    interval = min(low, found - half_width), max(high, found + half_width)
+    return LawUncertainty(covariance, interval, is_complete)
 
 
 def _possible_places(law: LawForces, sizes: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -125,14 +125,21 @@ class FittedLaw:
         variance = np.einsum("ij,jk,ik->i", columns, self.choice.covariance[shape:, shape:], columns)
         return columns @ self.forces, np.sqrt(np.maximum(variance, 0.0))
 
-    def friction(self, viscous: float, viscous_std: float) -> Fit:
+    def friction(self, viscous: float, viscous_std: float, spring: float) -> Fit:
         """Return the friction model with a viscous coefficient [N s/m] and its standard deviation.
 
+        A spring [N/m] is an element that slips beyond the largest motion: its force is fixed, not known.
         The covariance follows from that of shape and sizes by finite differences. It is as much wider as the interval
         of the Coulomb force is than the one that follows so: errors of a law, as those by the encoder's steps, are not
         independent, and the covariance of records that are says too little of all parameters.
         """
-        law, sizes = self.choice.best.law, self.forces
+        law, sizes, known = self.choice.best.law, self.forces, self.choice.covariance
+        if spring and law.thresholds.size:
+            swing, end = self.choice.records.swing, law.thresholds.size
+            law, sizes = replace(law, thresholds=np.append(law.thresholds, swing)), sizes.reshape(len(law.ratios), -1)
+            sizes = np.insert(sizes, end, np.eye(len(sizes))[0] * spring * swing, axis=1).ravel()
+            places = law.shape.size + end * np.arange(1, len(law.ratios) + 1)
+            known = np.insert(np.insert(known, places, 0.0, axis=0), places, 0.0, axis=1)
         model = law.model(sizes, viscous)
         names, units, values = zip(*_numbers(model), strict=True)
         whole, shapes = np.concatenate([law.shape, sizes]), law.shape.size
@@ -142,10 +149,11 @@ class FittedLaw:
             changed = whole + steps * (np.arange(whole.size) == place)
             varied = replace(law, shape=changed[:shapes]).model(changed[shapes:], viscous)
             slopes[:, place] = (np.array([value for _, _, value in _numbers(varied)]) - values) / steps[place]
-        covariance = slopes @ self.choice.covariance @ slopes.T
+        covariance = slopes @ known @ slopes.T
         if "coulomb_force" in names:  # a sum of elements has none of its own
-            known = covariance[(force := names.index("coulomb_force")), force]
-            covariance *= max((self.coulomb_error / NORMAL_QUANTILE) ** 2 / known, 1.0) if known > 0 else 1.0
+            own = names.index("coulomb_force")
+            whole_variance = (self.coulomb_error / NORMAL_QUANTILE) ** 2
+            covariance *= max(whole_variance / max(covariance[own, own], 1e-300), 1.0) if covariance.any() else 1.0
         own = names.index("viscous_coefficient")
         covariance[own], covariance[:, own] = 0.0, 0.0
         covariance[own, own] = viscous_std**2
@@ -209,7 +217,7 @@ class LawReport:
 
     def friction(self) -> Fit:
         """Return the friction model, with the covariance of its parameters."""
-        return self.found.friction(*self._viscous)
+        return self.found.friction(*self._viscous, self.plant.spring if self.plant else 0.0)
 
     def summary(self) -> Finding:
         """Return the law."""

@@ -28,7 +28,7 @@ NOISE_SEEDS = 12
 """Other errors of the encoder from which the error of friction follows: of few a record may seem to have hardly any, as
 most of them change nothing where an element only just slips."""
 PRIOR_FORCE_RATIO = 0.3
-"""Prior standard deviation of the force of all elements over the peak thrust, for independent elements."""
+"""Prior standard deviation of the force of all elements over the largest thrust, for independent elements."""
 FREE_BODY_RANGE, FREE_BODY_TERMS = 3.05, 4
 """Frequencies over the lowest one up to which an axis may be a free body (the third harmonic of the lowest one too),
 and terms of the power series of 1/P there."""
@@ -276,8 +276,8 @@ class LineRecords:
         regression: A. E. Hoerl and R. W. Kennard, Technometrics 12(1), 1970, doi 10.1080/00401706.1970.10488634).
         Nothing is known of the columns of another law.
         """
-        count = max(law.thresholds.size, 1)
-        force = PRIOR_FORCE_RATIO * float(np.abs(self.thrust).max()) / np.sqrt(count)
+        largest = max(float(np.linalg.norm(self.thrust[place])) for _, place in self.places())
+        force = PRIOR_FORCE_RATIO * largest / np.sqrt(max(law.thresholds.size, 1))
         return np.full(law.is_coulomb.size, force if law.thresholds.size else np.inf)
 
     def with_friction_noise(self, law: LawForces, sizes: NDArray[np.float64]) -> "LineRecords":
