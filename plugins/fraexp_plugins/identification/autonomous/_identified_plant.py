@@ -93,7 +93,8 @@ def identify_plant(inverse: InverseResponse, response: FrequencyResponse, modal:
     cost, solution = found.solution.excess, _with_smaller_error(found.solution, modal.model_error)
     model, covariance = solution.model, solution.model.slopes(solution.p) @ square_root(solution.covariance)
     own = slice(model.ground_place, model.ground_place + len(model.ground))
-    columns, forces = model.ground_columns(2j * np.pi * inverse.frequency), model.ground_forces(solution.p)
+    s = np.complex128(2j * np.pi) * inverse.frequency
+    columns, forces = model.ground_columns(s), model.ground_forces(solution.p)
     free = inverse.without(columns @ forces, columns, covariance[own])
     kept = np.delete(np.arange(model.size), np.arange(model.size)[own])
     bare = modal.log_data(free.response(response), free.relative_columns)

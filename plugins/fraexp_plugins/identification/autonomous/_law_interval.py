@@ -17,6 +17,8 @@ CONSTRAINT_WEIGHT = 1e4
 """Weight of the equation that holds the sum, over that of the largest column."""
 EDGE_TOLERANCE = 1e-3
 """Relative tolerance of an end of the interval."""
+MAX_DOUBLINGS = 20
+"""Steps in which an upper end is looked for; each is twice as long as the one before."""
 ALTERNATIVE_VELOCITIES, ALTERNATIVE_RATES_S, ALTERNATIVE_EXCESS = (0.1, 0.4, 1.0), (12.0, 60.0), 0.05
 """Stribeck velocities over the largest velocity, rates of attraction over the Coulomb force, and static over Coulomb
 force less 1, of a Stribeck effect beside a law, by which its Coulomb force is judged."""
@@ -65,14 +67,13 @@ def sum_interval(
         x, _ = nnls(np.concatenate([reduced, ridge, hold]), np.append(right, end), maxiter=100 * count)
         return float(np.sum((reduced @ x - right) ** 2)) - least - rise
 
+    low = 0.0 if excess(0.0) <= 0 else float(brentq(excess, 0.0, total, rtol=EDGE_TOLERANCE))
     step = max(total, EDGE_TOLERANCE) / 32
-    while excess(total + step) < 0 and step < 1e6 * max(total, 1.0):
+    for _ in range(MAX_DOUBLINGS):
+        if excess(total + step) > 0:
+            return low, float(brentq(excess, total, total + step, rtol=EDGE_TOLERANCE))
         step *= 2
-    ends = (0.0, total), (total, total + step)
-    return tuple(
-        end[is_upper] if excess(end[is_upper]) <= 0 else brentq(excess, *end, rtol=EDGE_TOLERANCE)
-        for is_upper, end in enumerate(ends)
-    )
+    return low, total + step
 
 
 class LawUncertainty(NamedTuple):
@@ -110,8 +111,9 @@ def law_uncertainty(law: LawForces, dead_time: float, records: LineRecords, may_
     chosen = np.arange(matrix.shape[1]) < sizes.size
     chosen[: sizes.size] &= law.is_coulomb
     low, high = sum_interval(matrix, problem.target, chosen, INTERVAL_STDS**2 * max(square, 1.0))
-    found, coulomb = float(sizes[law.is_coulomb].sum()), np.append(np.zeros(law.shape.size), law.is_coulomb)
-    half_width = NORMAL_QUANTILE * float(np.sqrt(coulomb @ covariance @ coulomb))
+    found = float(sizes[law.is_coulomb].sum())
+    own = law.shape.size + np.flatnonzero(law.is_coulomb)
+    half_width = NORMAL_QUANTILE * float(np.sqrt(covariance[np.ix_(own, own)].sum()))
     is_complete = low <= found <= high
     if not is_complete:  # what the few elements show of the effect is a part of it
         low, high = found + INCOMPLETE_RATIO * (low - found), found + INCOMPLETE_RATIO * (high - found)

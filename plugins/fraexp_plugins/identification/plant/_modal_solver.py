@@ -156,7 +156,8 @@ def low_ground(
     s, inverse = data.s[low], np.exp(-data.s[low] * delay) / data.response[low]
     weight = np.sqrt(data.weight[low]) / np.abs(inverse)
     series = np.stack([s**2, s**3], axis=1)
-    columns = _real((np.concatenate([model.ground_columns(s), series], axis=1) * weight[:, None]).T).T
+    powers: NDArray[np.complex128] = np.concatenate([model.ground_columns(s), series], axis=1)
+    columns = _real((powers * weight[:, None]).T).T
     scale, target = np.linalg.norm(columns, axis=0), _real(inverse * weight)
     solver = np.linalg.pinv(columns / scale) / scale[:, None]
     residual = target - columns @ (solver @ target)
@@ -592,12 +593,13 @@ def chosen_order(model: ModalModel, data: LogResponse, max_order: int) -> OrderC
         found.append(solution)
         if solution.model.modes >= min(found, key=information_criterion).model.modes + EXTRA_MODES:
             break
-    factor, fewest = min(found, key=information_criterion).correlation_factor if found else 1.0, ("",)
+    factor = min(found, key=information_criterion).correlation_factor if found else 1.0
+    fewest: tuple[str, ...] = ()
     for solution in sorted(found, key=lambda one: information_criterion(one, factor)):
         unsupported = unsupported_parts(solution)
         if not unsupported:
             return OrderChoice(solution, "; ".join(fewest))
-        fewest = unsupported if not any(fewest) or len(unsupported) < len(fewest) else fewest
+        fewest = unsupported if not fewest or len(unsupported) < len(fewest) else fewest
     return OrderChoice(None, "; ".join(fewest))
 
 

@@ -71,7 +71,8 @@ def resonances(model: ModalModel, p: NDArray[np.float64]) -> NDArray[np.float64]
     scale = _scale(model)
     ground = zip(model.ground, model.ground_forces(p).tolist(), strict=True)
     terms = {GROUND[name]: value * np.exp(p[0]) / scale ** (2 - GROUND[name]) for name, value in ground}
-    return _pairs(np.polyadd(poles, np.convolve(zeros, [terms.get(power, 0.0) for power in (1, 0)])), scale)
+    fed_back = np.convolve(zeros, np.array([terms.get(1, 0.0), terms.get(0, 0.0)]))
+    return _pairs(poles + np.pad(fed_back, (poles.size - fed_back.size, 0)), scale)
 
 
 def antiresonances(model: ModalModel, p: NDArray[np.float64]) -> NDArray[np.float64]:
