@@ -10,7 +10,7 @@ from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification.autonomous._law_choice import LawChoice, LawFit, LawSelection
-from fraexp_plugins.identification.autonomous._law_forces import LawForces, elements_law, laws_of_fraexp
+from fraexp_plugins.identification.autonomous._law_columns import LawColumns, elements_law, laws_of_fraexp
 from fraexp_plugins.identification.autonomous._line_records import periodic_motion, remove_drift
 from fraexp_plugins.identification.autonomous.plant_and_friction import PlantAndFriction
 
@@ -24,14 +24,14 @@ NONE = np.empty(0)
 CURVE = {"N": 0.2, "m/s": 1e-3}
 
 
-def law_of(name: str, sizes: dict[str, float], thresholds: np.ndarray = NONE) -> LawForces:
+def law_of(name: str, sizes: dict[str, float], thresholds: np.ndarray = NONE) -> LawColumns:
     """Return a law whose shape has these numbers by their units; the damper of bristles is 50 N s/m."""
     laws = {law.name: law for law in (elements_law(True), *laws_of_fraexp(0.02))}
-    law = LawForces(laws[name], NONE, thresholds)
+    law = LawColumns(laws[name], NONE, thresholds)
     return replace(law, shape=law.starting_at(sizes))
 
 
-LAWS: list[tuple[LawForces, list[float]]] = [
+LAWS: list[tuple[LawColumns, list[float]]] = [
     (law_of("rolling", {"N s/m": 2e-4}, THRESHOLDS), [1.0, 0.0, 2.0, 0.0, 3.0, 0.0, 0.0, 0.0, 0.0]),
     (law_of("gms", {"N": 0.3, "m/s": 2e-3, "N/s": 40.0}, THRESHOLDS), [1.0, 2.0, 0.5]),
     (law_of("lugre", {"N/m": 1 / 8e-6, **CURVE}), [5.0, 1.0]),
@@ -41,7 +41,7 @@ SAMPLE_TIME = 5e-4
 
 
 @pytest.mark.parametrize(("elements", "sizes"), LAWS, ids=lambda each: getattr(each, "name", ""))
-def test_columns_add_up_to_the_law(elements: LawForces, sizes: list[float]) -> None:
+def test_columns_add_up_to_the_law(elements: LawColumns, sizes: list[float]) -> None:
     motion = 1e-4 * np.sin(2 * np.pi * np.arange(4000) / 4000) + 4e-5 * np.sin(10 * np.pi * np.arange(4000) / 4000)
     model = elements.model(np.array(sizes), 0.0)
     expected = model.force(motion, 1e-4, periodic=True)
@@ -50,7 +50,7 @@ def test_columns_add_up_to_the_law(elements: LawForces, sizes: list[float]) -> N
 
 
 @pytest.mark.parametrize(("elements", "sizes"), LAWS, ids=lambda each: getattr(each, "name", ""))
-def test_a_drift_of_the_mean_leaves_the_force_as_it_is(elements: LawForces, sizes: list[float]) -> None:
+def test_a_drift_of_the_mean_leaves_the_force_as_it_is(elements: LawColumns, sizes: list[float]) -> None:
     samples, periods, drift = 500, 8, 3e-6
     time = np.arange(samples * periods) / samples
     y = 1e-4 * np.sin(2 * np.pi * time) + drift * time

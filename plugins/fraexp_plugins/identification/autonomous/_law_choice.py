@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fraexp.api import FrictionModel, RecordError, Signals
 from fraexp_plugins.estimators.effective_input import EffectiveInput
-from fraexp_plugins.identification.autonomous._law_forces import LawForces, elements_law, laws_of_fraexp, unit_law
+from fraexp_plugins.identification.autonomous._law_columns import LawColumns, elements_law, laws_of_fraexp, unit_law
 from fraexp_plugins.identification.autonomous._law_interval import (
     INTERVAL_STDS,
     LawUncertainty,
@@ -24,7 +24,7 @@ SEARCH_STEP, SEARCH_OVERSAMPLING = 3, 2
 """Every third frequency is taken in the search for a law, and that many points per sample; all of them judge it."""
 THRESHOLD_COUNTS = 80, 40
 """Numbers of thresholds of rolling elements, and of others."""
-THRESHOLD_RANGE = (1e-5, 0.7)
+THRESHOLD_RANGE = (1e-5, 0.9)
 """Range of thresholds over the largest motion."""
 START_WIDTHS, START_VELOCITIES = np.geomspace(1e-4, 0.16, 9), ((3e-3, 3e-2), (0.1, 0.3, 1.0))
 """Widths over the largest motion, and Stribeck over largest velocities, at which a search may begin, and those at which
@@ -41,11 +41,8 @@ NOISE_ALLOWANCE = 6.0
 """Factor on the part of the residual that noise explains by way of friction."""
 HOPELESS_RATIO = 2.0
 """Residual in a search over that of the best law from which a law is not looked at any further."""
-MAX_STRAIN = 10.0
-"""Strain up to which the lowest frequencies are those of a free body: with the first mode at the highest of them it is
-over 1000."""
 EQUAL_RATIO = 1.3
-"""Residual over that of the best law up to which a law is as good."""
+"""Residual over that of the best law up to which a law is as good, and an axis is a free body."""
 NARROW_RANGES, NARROW_RATIO = (0.05, 0.2), 1.15
 """Widths over the largest motion beyond which a law may have no elements, and residual without these over that with
 them up to which they are left out."""
@@ -55,7 +52,7 @@ them up to which they are left out."""
 class LawFit:
     """A law that was fitted to records."""
 
-    law: LawForces
+    law: LawColumns
     dead_time: float
     """Dead time that goes with it, in addition to that of the observer [s]."""
     residual: float
@@ -64,8 +61,6 @@ class LawFit:
     """Force of each column [N], shape (N,); empty for a hopeless law, which only the search has seen."""
     allowance: float = 0.0
     """The residual that noise explains by way of friction."""
-    strain: float = 0.0
-    """Mean square of what it leaves of the equations of a free body, over that of all or over what is allowed for."""
 
     @property
     def coulomb(self) -> float:
@@ -140,7 +135,7 @@ class LawSelection:
             if fit.residual > GOOD and starts[1:]:
                 fit = min(fit, self._searched(law, starts[1]), key=lambda each: each.residual)
             is_hopeless = fit.residual > HOPELESS_RATIO * min((each.residual for each in self._fits), default=np.inf)
-            self._fits.append(fit if is_hopeless else self._judged(fit))
+            self._fits.append(fit if is_hopeless else self._judged(fit, self._records))
             self._weigh_by(place)
             if self._fits[place].explains and law.units and not law.is_linear:
                 self._fits[place], profiles[place] = self._shaped(self._fits[place])
@@ -180,18 +175,18 @@ class LawSelection:
 
     def _families(
         self, laws: Sequence[FrictionModel], is_any: bool
-    ) -> Iterator[tuple[LawForces, list[list[NDArray[np.float64]]]]]:
+    ) -> Iterator[tuple[LawColumns, list[list[NDArray[np.float64]]]]]:
         """Yield laws of some shape, the cheapest ones first, and the shapes at which each search may begin."""
         largest, velocity = self._bare.swing, self._bare.speed
         some, few = (largest * np.geomspace(*THRESHOLD_RANGE, count) for count in THRESHOLD_COUNTS)
-        elements = LawForces(elements_law(is_any), np.empty(0), some)
+        elements = LawColumns(elements_law(is_any), np.empty(0), some)
         times = [ratio * self._bare.sample_time for ratio in START_RELAXATIONS] if is_any else [1.0]
         yield elements, [[elements.starting_at({"N s/m": time}) for time in times]]
         lowest = 2 * float(self._bare.frequency.min())
         built_in = laws_of_fraexp(velocity) if is_any else []
         sizes = {"m": largest * START_WIDTHS, "N/s": np.array(START_RATES_S), "N": np.array([START_EXCESS])}
         for model in (*built_in[:-1], *map(unit_law, laws), *built_in[-1:]):
-            law = LawForces(model, np.empty(0), np.empty(0), lowest)
+            law = LawColumns(model, np.empty(0), np.empty(0), lowest)
             law = replace(law, thresholds=few) if law.has_elements else law
             slow, fast = ({**sizes, "m/s": velocity * np.array(each)} for each in START_VELOCITIES)
             begins = [law.starting_at({})] if model not in built_in else []
@@ -206,7 +201,7 @@ class LawSelection:
             known |= {"m": 1 / known["N/m"]} if "N/m" in known else {}
             yield {unit: value for unit, value in known.items() if unit in ("m", "N/s", "N", "m/s")}
 
-    def _searched(self, law: LawForces, begins: Sequence[NDArray[np.float64]]) -> LawFit:
+    def _searched(self, law: LawColumns, begins: Sequence[NDArray[np.float64]]) -> LawFit:
         """Return the law to which the best start leads, with a grid that is refined once."""
         search = LawSearch(self._some, law, self._is_delayed)
         delays = START_DEAD_TIMES if self._is_delayed else (0.0,)
@@ -224,16 +219,15 @@ class LawSelection:
         left = float(np.sqrt(search.cost(best) / self._some.equations))
         return LawFit(search.law(best), search.dead_time(best), left, np.empty(0))
 
-    def _judged(self, fit: LawFit) -> LawFit:
+    def _judged(self, fit: LawFit, records: LineRecords) -> LawFit:
         """Return a law with what it leaves of all records; what noise explains of that follows from some."""
-        records, some = self._records, self._some
+        some = self._some
         sizes, left, _ = records.solve(fit.law, records.deflection(fit.law), fit.dead_time)
         residual = float(np.sqrt(np.sum(left**2) / records.equations))
-        of_body = float(np.sum(left[2 * records.known.size :] ** 2)) / max(records.free_equations, 1)
         model = fit.law.model(sizes, 0.0)
         noise = np.abs(some.force(model, some.shaken_motions(0)) - some.force(model)) ** 2 / some.variance
         allowance = float(np.sqrt(np.sum(noise[some.known]) / some.equations))
-        return LawFit(fit.law, fit.dead_time, residual, sizes, allowance, of_body / max(residual, 1.0) ** 2)
+        return LawFit(fit.law, fit.dead_time, residual, sizes, allowance)
 
     def _weigh_by(self, place: int) -> None:
         """Weight the records by what noise does by way of a law, if none is better."""
@@ -242,11 +236,10 @@ class LawSelection:
             return
         self._doubts.clear()
         self._some, weighted = (each.with_friction_noise(fit.law, fit.sizes) for each in (self._few, self._bare))
-        for records in (weighted.as_free_body(), weighted):  # the second where a mode or a spring is near
-            self._records = records
-            self._fits = [self._judged(each) if each.sizes.size else each for each in self._fits]
-            if _best(self._fits).strain <= MAX_STRAIN:
-                return
+        plain, free = (self._judged(fit, records) for records in (weighted, weighted.as_free_body()))
+        is_free = free.residual <= EQUAL_RATIO * max(plain.residual, 1.0)  # not where a mode or a spring is near
+        self._records = weighted.as_free_body() if is_free else weighted
+        self._fits = [self._judged(each, self._records) if each.sizes.size else each for each in self._fits]
 
     def _shaped(self, fit: LawFit) -> tuple[LawFit, LawSearch]:
         """Return a law of the best shape by all records, and the search that has led to it.
@@ -257,7 +250,14 @@ class LawSelection:
             weighted = replace(each, variance=self._records.variance, free_lines=self._records.free_lines)
             search = LawSearch(weighted, fit.law, self._is_delayed)
             values = search.minimised(search.values(fit.law, fit.dead_time))
-            fit = _best([fit, self._judged(replace(fit, law=search.law(values), dead_time=search.dead_time(values)))])
+            fit = _best(
+                [
+                    fit,
+                    self._judged(
+                        replace(fit, law=search.law(values), dead_time=search.dead_time(values)), self._records
+                    ),
+                ]
+            )
             if fit.is_good:
                 break
         return fit, LawSearch(weighted, fit.law, self._is_delayed)
@@ -273,7 +273,7 @@ class LawSelection:
         for part in NARROW_RANGES:
             narrow = thresholds[thresholds <= part * self._records.swing]
             if 1 < narrow.size < thresholds.size:
-                found = self._judged(replace(fit, law=replace(fit.law, thresholds=narrow)))
+                found = self._judged(replace(fit, law=replace(fit.law, thresholds=narrow)), self._records)
                 if found.residual <= NARROW_RATIO * fit.residual:
                     return found
         return fit
@@ -284,7 +284,7 @@ def _best(fits: Sequence[LawFit]) -> LawFit:
     return min((fit for fit in fits if fit.sizes.size), key=lambda fit: fit.residual)
 
 
-def _starts(law: LawForces, sizes: Mapping[str, NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+def _starts(law: LawColumns, sizes: Mapping[str, NDArray[np.float64]]) -> list[NDArray[np.float64]]:
     """Return shapes with all combinations of sizes by their units; a width [m] is that of a stiffness too."""
     units = set(law.units) | ({"m"} if "N/m" in law.units else set())
     chosen = {unit: values.tolist() for unit, values in sizes.items() if unit in units}

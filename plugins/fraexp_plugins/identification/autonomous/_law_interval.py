@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
-from fraexp_plugins.identification.autonomous._law_forces import LawForces, laws_of_fraexp
+from fraexp_plugins.identification.autonomous._law_columns import LawColumns, laws_of_fraexp
 from fraexp_plugins.identification.autonomous._law_search import LawSearch
 from fraexp_plugins.identification.autonomous._line_records import LineRecords
 
@@ -87,7 +87,7 @@ class LawUncertainty(NamedTuple):
     """Whether a Stribeck effect beside the law explains no more of the records."""
 
 
-def law_uncertainty(law: LawForces, dead_time: float, records: LineRecords, may_weaken: bool) -> LawUncertainty:
+def law_uncertainty(law: LawColumns, dead_time: float, records: LineRecords, may_weaken: bool) -> LawUncertainty:
     """Return how far the records determine a law with this dead time [s].
 
     The interval is the profile likelihood of the Coulomb force. With `may_weaken` a Stribeck effect that the law lacks
@@ -121,7 +121,7 @@ def law_uncertainty(law: LawForces, dead_time: float, records: LineRecords, may_
     return LawUncertainty(covariance, interval, is_complete)
 
 
-def _possible_places(law: LawForces, sizes: NDArray[np.float64]) -> NDArray[np.int64]:
+def _possible_places(law: LawColumns, sizes: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return the places of possible forces: those found, and elements near them, which explain nearly as much.
 
     Those of all others are 0: they cannot be smaller, and the records would differ more if they were larger.
@@ -136,7 +136,7 @@ def _possible_places(law: LawForces, sizes: NDArray[np.float64]) -> NDArray[np.i
 
 
 def _shape_columns(
-    law: LawForces,
+    law: LawColumns,
     deflection: NDArray[np.complex128],
     sizes: NDArray[np.float64],
     dead_time: float,
@@ -152,14 +152,14 @@ def _shape_columns(
 
 
 def _weakening_columns(
-    law: LawForces, sizes: NDArray[np.float64], dead_time: float, records: LineRecords
+    law: LawColumns, sizes: NDArray[np.float64], dead_time: float, records: LineRecords
 ) -> NDArray[np.float64]:
     """Return how the weighted forces change with Stribeck effects that a law lacks, a column for each.
 
     It is that of a few elements along the law's virgin curve (generalized Maxwell slip), per unit of excess.
     """
     thresholds, forces = _lumped(law, sizes)
-    weakening = LawForces(laws_of_fraexp(records.speed)[-1], np.empty(0), thresholds)
+    weakening = LawColumns(laws_of_fraexp(records.speed)[-1], np.empty(0), thresholds)
     columns = []
     for part in ALTERNATIVE_VELOCITIES:
         for rate in ALTERNATIVE_RATES_S:
@@ -174,7 +174,7 @@ def _weakening_columns(
     return np.concatenate(columns, axis=1)
 
 
-def _lumped(law: LawForces, sizes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _lumped(law: LawColumns, sizes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return thresholds [m] and forces [N] of a few elements with the law's virgin curve."""
     x, coulomb = np.geomspace(1e-9, 1e-1, 400), float(sizes[law.is_coulomb].sum())
     force = np.maximum.accumulate(law.virgin_columns(x) @ sizes)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp_plugins.identification.autonomous._law_forces import LawForces
+from fraexp_plugins.identification.autonomous._law_columns import LawColumns
 from fraexp_plugins.identification.autonomous._line_records import LawSolution, LineRecords
 
 SHAPE_STEP, DIFFERENCE = 0.1, 1e-4
@@ -22,15 +22,15 @@ class LawSearch:
     `law_at_start` is the law at which the search begins.
     """
 
-    def __init__(self, records: LineRecords, law: LawForces, is_delayed: bool) -> None:
+    def __init__(self, records: LineRecords, law: LawColumns, is_delayed: bool) -> None:
         self.records, self.law_at_start, self._is_delayed = records, law, is_delayed
         self._known: tuple[bytes | None, NDArray[np.complex128]] = (None, np.empty(0, dtype=complex))
 
-    def values(self, law: LawForces, dead_time: float) -> NDArray[np.float64]:
+    def values(self, law: LawColumns, dead_time: float) -> NDArray[np.float64]:
         """Return the values of a law of this family, and a dead time [s]."""
         return np.array([dead_time / self.records.sample_time, *law.shape])
 
-    def law(self, values: NDArray[np.float64]) -> LawForces:
+    def law(self, values: NDArray[np.float64]) -> LawColumns:
         """Return the law of these values."""
         return replace(self.law_at_start, shape=values[1:])
 

@@ -13,7 +13,7 @@ from fraexp_plugins.estimators._shared.delayed_estimator import LoopDelays
 from fraexp_plugins.estimators._shared.realisations import mean
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification._shared.usable_records import with_harmonics
-from fraexp_plugins.identification.autonomous._law_forces import LawForces
+from fraexp_plugins.identification.autonomous._law_columns import LawColumns
 
 FREQUENCY_TOLERANCE = 1e-4
 """Relative difference up to which two frequencies are equal."""
@@ -195,7 +195,7 @@ class LineRecords:
         """
         return replace(self, free_lines=np.flatnonzero(self.frequency <= FREE_BODY_RANGE * self.frequency.min()))
 
-    def deflection(self, law: LawForces, motions: Sequence[Motion] = ()) -> NDArray[np.complex128]:
+    def deflection(self, law: LawColumns, motions: Sequence[Motion] = ()) -> NDArray[np.complex128]:
         """Return the phasors of each column [N/N], complex, shape (L, M, N)."""
         found = np.zeros((*self.thrust.shape, law.is_coulomb.size), dtype=complex)
         columns, begin = law.forces(motions or self.motions), 0
@@ -245,7 +245,7 @@ class LineRecords:
 
     def solve(
         self,
-        law: LawForces,
+        law: LawColumns,
         deflection: NDArray[np.complex128],
         dead_time: float,
         held: float | None = None,
@@ -269,7 +269,7 @@ class LineRecords:
         sizes = nnls(matrix, target, maxiter=100 * scale.size)[0] / scale
         return LawSolution(sizes, problem.target - problem.matrix @ sizes, problem)
 
-    def prior(self, law: LawForces) -> NDArray[np.float64]:
+    def prior(self, law: LawColumns) -> NDArray[np.float64]:
         """Return the standard deviation of each column's force [N] that is known before, shape (N,).
 
         It bounds the force of elements that the records do not determine, as of those that hardly slip (ridge
@@ -280,7 +280,7 @@ class LineRecords:
         force = PRIOR_FORCE_RATIO * largest / np.sqrt(max(law.thresholds.size, 1))
         return np.full(law.is_coulomb.size, force if law.thresholds.size else np.inf)
 
-    def with_friction_noise(self, law: LawForces, sizes: NDArray[np.float64]) -> "LineRecords":
+    def with_friction_noise(self, law: LawColumns, sizes: NDArray[np.float64]) -> "LineRecords":
         """Return the records with the errors that the encoder causes by way of friction in their variance.
 
         A small motion turns back at another time with another error: its records count less.

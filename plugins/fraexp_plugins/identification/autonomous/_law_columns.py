@@ -35,7 +35,7 @@ UNIT_EXCESS, START_RATIO = 0.2, 0.6
 
 
 @dataclass(frozen=True)
-class LawForces:
+class LawColumns:
     """The columns of force of a law [N] per newton of their size: those that keep their force in sliding come first.
 
     A law with lists of numbers is one of elements: each threshold of a grid is a column, and each of several dampers,
@@ -176,7 +176,7 @@ class LawForces:
             changes[self._dampers] = tuple(damping[acts].tolist())
         return _changed(model, changes)
 
-    def refine(self, sizes: NDArray[np.float64]) -> "LawForces":
+    def refine(self, sizes: NDArray[np.float64]) -> "LawColumns":
         """Return elements with finer thresholds around those that have a force, of the same shape."""
         if not self.thresholds.size:
             return self
