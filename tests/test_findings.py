@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+from fraexp.data.findings import Finding
+
 ROOT = Path(__file__).parent.parent
 READ = re.compile(
     r"""["'\w\])]\s+(?:not\s+)?in\s+(?:str\(error\)|\w+\.message\b|(?:message|reason|sentence)\b(?!s))"""
@@ -18,6 +20,12 @@ FOREIGN = {
 }  # fmt: skip
 """Modules that read what compiler, database, Dask or pydantic say, which have nothing else to offer, and those that put
 another place before an error of their own."""
+
+
+def test_a_finding_of_another_version_is_one_line_with_all_that_it_says():
+    found = Finding.from_plain({"kind": "worn belt", "quantities": [[2.0, "m", "length", None]], "frequencies": [3.0]})
+    assert str(found) == "finding 'worn belt' of another version of fraexp at 3 Hz: length 2 m"
+    assert Finding.from_plain(found.plain()) == found
 
 
 def test_no_module_reads_a_sentence():

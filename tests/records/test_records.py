@@ -14,7 +14,6 @@ from fraexp.data.signals import Signals
 from fraexp.errors import FraexpError, ParameterError, RecordError
 from fraexp.records import RecordSettings, load, resolve
 from fraexp.records.cutting import coherent_block
-from fraexp.records.excited import find_excited_lines
 
 Read = Callable[..., Signals]
 
@@ -85,14 +84,6 @@ def test_excited_lines_are_found_and_can_be_stated(tmp_path: Path, signals_of: R
     assert tuple(signals_of(min_frequency=10, max_frequency=200, harmonic_step=2).segments[0].lines) == bench.lines
     assert signals_of(min_frequency=50).segments[0].frequency[0] == 50
     assert tuple(signals_of(harmonics=[2, 6]).segments[0].lines) == (2, 6)
-
-
-def test_distortion_is_not_taken_for_excitation() -> None:
-    rng = np.random.default_rng(2)
-    time = np.arange(8 * 100)
-    excited = np.cos(2 * np.pi * 3 * time / 100) + 0.5 * np.cos(2 * np.pi * 7 * time / 100)
-    distorted = excited + 0.1 * np.cos(2 * np.pi * 9 * time / 100) + 1e-3 * rng.normal(size=time.size)
-    assert find_excited_lines(distorted.reshape(8, 100)).lines == [3, 7]
 
 
 def test_skipped_periods_and_time_are_left_out(tmp_path: Path, signals_of: Read, bench: Any) -> None:
@@ -188,48 +179,17 @@ REFUSED = {
     "no channels": ({"channels": {}}, r"channels is no table of channels"),
     "no folder": ({"file": "there/bench.csv"}, r"no folder '.*there'"),
     "unknown unit": ({"channels": {"u": "iq [qq]"}}, r"channel 'u': 'qq' is no known unit"),
-    "no clock": (
-        {"file": "none.csv", "time_column": None},
-        r"sample rate is unknown; give sample_rate \[Hz\] \(--sample-rate",
-    ),
-    "clock without a unit": (
-        {"file": "bare.csv", "time_column": None, "channels": {"u": "iq [A]"}},
-        r"sample rate is unknown; give time_column = \"Time \[s\]\" \(--time 'Time \[s\]'\) if that is the time",
-    ),
-    "uneven clock": ({"file": "jitter.csv", "time_column": None}, r"give time_column = \"Time\" \(--time 'Time'\)"),
-    "wrong rate": ({"sample_rate": 500}, r"sample_rate is 500 Hz, but the time in the file says 1000 Hz"),
     "unit of another kind": (
         {"channels": {"u": "iq", "y": "Position [N]"}},
         r"'y': the unit is given as N, but the file says mm for column 'Position'; choose",
-    ),
-    "unit of another size": (
-        {"channels": {"u": "iq", "y": {"column": "Position", "unit": "m", "scale": -1}}},
-        r"'y': the unit is given as m, but the file says mm; leave the unit out or correct it",
     ),
     "time in metres": (
         {"file": "bare.csv", "time_column": "Time [m]", "channels": {"u": "iq [A]"}},
         r"the time is in 'm'; expected a unit such as s",
     ),
-    "wrong period": ({"samples_per_period": 130}, r"'u' does not repeat after 130 samples .*repeat every 100 samples"),
-    "period off by one": (
-        {"samples_per_period": 199},
-        r"repeats worse after 199 samples than after 100; it .* samples_per_period = 100 \(",
-    ),
     "too short": ({"skip_periods": 3}, r"200 samples are left, 1\.00 periods; expected at least 2 periods"),
-    "too high": (
-        {"min_frequency": 10, "max_frequency": 600},
-        r"max_frequency is 600 Hz; expected at most half the sample rate, 500 Hz",
-    ),
     "no lines": ({"min_frequency": 300}, r"none of the excited lines, 10 to 200 Hz, is between"),
     "lines too high": ({"harmonics": [2, 120]}, r"excited harmonics are 2 to 120; expected some from 1 to 99"),
-    "lowest above highest": (
-        {"min_frequency": 30, "max_frequency": 20},
-        r"min_frequency is 30 Hz and max_frequency 20 Hz",
-    ),
-    "every without ends": (
-        {"harmonic_step": 2, "min_frequency": 10},
-        r"harmonic_step is given without min_frequency and max_frequency",
-    ),
     "constant": ({"file": "still.csv"}, r"channel 'y' \(column 'Position'\) is constant, 3"),
     "jitter": (
         {"file": "jitter.csv"},
@@ -245,7 +205,6 @@ def records(tmp_path: Path, bench: Any) -> None:
     rows = bench.rows(4)
     bench.write(tmp_path / "bench.csv", rows)
     bench.write(tmp_path / "bare.csv", rows, "Time,iq,Position")
-    bench.write(tmp_path / "none.csv", rows[:, 1:], "iq [A],Position [mm]")
     changed = {name: rows.copy() for name in ("still", "jitter", "gap", "backwards")}
     changed["still"][:, 2] = 3
     changed["jitter"][100, 0] += 0.0002

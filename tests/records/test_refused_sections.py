@@ -111,12 +111,6 @@ WRONG: dict[str, tuple[Write, Section, str, Section]] = {
         write_steps, record(steps=[{"start": 0, "stop": 0.1, "frequency": 10}]),
         r"expected at least 2 periods of 100 samples", {"steps": [{"start": 0, "stop": 0.2, "frequency": 10}]},
     ),
-    "steps are no list": (
-        write_steps, record(steps={"start": 0, "stop": 1, "frequency": 10}), r"expected such as \[", {"steps": STEPPED},
-    ),
-    "a step without a frequency": (
-        write_steps, record(steps=[{"start": 0, "stop": 2}]), r"steps\.1 lacks 'frequency'", {"steps": STEPPED},
-    ),
     "played beyond the end": (
         PLAIN, played(periods=9), r"segment 1: it ends at sample 1800; the record has 1200", played(),
     ),
@@ -135,7 +129,6 @@ WRONG: dict[str, tuple[Write, Section, str, Section]] = {
     ),
     "another reader": (PLAIN, periodic(reader="csvv"), r"did you mean 'csv'", {"reader": "csv"}),
     "another file": (PLAIN, periodic(file="b.csv"), r"no such file; did you mean 'a\.csv'", {"file": "a.csv"}),
-    "a number for a file": (PLAIN, periodic(file=3), r"expected the name of a file, or a list", {"file": ["a.csv"]}),
     "no block of whole periods": (
         write_slow_clock, record(period_time=0.20037, max_phase_slip=1e-6),
         r"; raise max_phase_slip .*, or record for longer", {"max_phase_slip": 0.01},
@@ -148,18 +141,8 @@ WRONG: dict[str, tuple[Write, Section, str, Section]] = {
         PLAIN, channel(plus="u", minus="u"), r"has plus and minus; expected only one of them", channel(),
     ),
     "no scale": (PLAIN, channel(scale=0), r"scale is 0; expected another number", channel(scale=-1)),
-    "an offset in words": (
-        PLAIN, channel(offset="zero"), r"channels.y.offset is 'zero'.*expected a valid number", channel(offset=0.5),
-    ),
-    "integrated thrice": (PLAIN, channel(integrate=3), r"must be at most 2", channel(integrate=2)),
     "a channel without a column": (
         PLAIN, periodic(channels={"u": "u", "y": {"unit": "um"}}), r"channels.y lacks 'column'", channel(unit="um"),
-    ),
-    "a number for a column": (
-        PLAIN, periodic(channels={"u": "u", "y": 2}), r"expected the name of a column, or a table", channel(),
-    ),
-    "a list of channels": (
-        PLAIN, periodic(channels=["u", "y"]), r'expected such as u = "iq \[A\]"', periodic(),
     ),
     "no such input": (
         PLAIN, periodic(line_channel="v"), r"line_channel is 'v', which is not .* known: u", {"line_channel": "u"},
@@ -174,10 +157,6 @@ WRONG: dict[str, tuple[Write, Section, str, Section]] = {
     ),
     "a level without its value": (
         write_levels_in_a_column, periodic(select="level = {level}"), r"give level \(", {"level": 2},
-    ),
-    "a rate in seconds": (
-        PLAIN, record(samples_per_period=PERIOD) | {"sample_rate": "1 ms"}, r"the same kind as 'Hz'",
-        {"sample_rate": "1 kHz"},
     ),
     "samples beside a response": (
         write_response, response(channels={**response()["channels"], "u": "mag"}),
