@@ -114,7 +114,7 @@ KINDS: Mapping[str, Kind] = {
         "lower 'settling_window', or move farther",
     ),
     "spikes": Kind(
-        "it leaps away from both neighbours, which no machine can",
+        "it leaps away and back, which no machine can",
         "lost or wrong samples of a sensor",
         "interpolate them before the import, or leave them out (--start-time, --end-time)",
     ),

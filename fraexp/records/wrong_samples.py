@@ -4,11 +4,12 @@ Forces accelerate a mass: from sample to sample its motion changes by no more th
 and comes back, a motion that stops within a sample, and a jump against the direction of motion are those of a sensor.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from fraexp.analysis.fourier import phasors
@@ -60,17 +61,16 @@ def _wrong_samples(segment: Segment, name: str, unit: str) -> WrongSamples | Non
     motion = _Motion(periods, unit)
     found = motion.wraps() if unit in POSITION_UNITS else None
     if found is None and unit in MOTION_UNITS:
-        found = motion.spikes() or (motion.stops() if segment.periodic else None)
+        found = (motion.stops() if segment.periodic else None) or motion.spikes()
     return found and found._replace(finding=replace(found.finding, place=f"'{name}', {found.finding.place}"))
 
 
 MIN_SPIKE, SPIKE_FACTOR, USUAL_SHARE = 0.1, 10.0, 0.95
-"""How far a sample is from both neighbours at least, in widths of the channel's usual range, and relative to what this
-share of the samples is at most."""
+"""Least leap in widths of the channel's usual range, and relative to what this share of the steps leap at most."""
 MIN_SPIKE_STEPS = 2.5
 """The same in steps of a coarse encoder."""
 MAX_SPIKE_SHARE = 0.01
-"""Share of samples up to which they are single ones: more are a signal that is as fast as the samples."""
+"""Share of samples up to which they are wrong: more are a signal that is as fast as the samples, or two levels."""
 MIN_RUN_SAMPLES, MIN_LOST_SAMPLES = 3, 20
 """Equal samples in a row from which they are more than the top of a wave, and from which the signal may be lost."""
 MIN_LOST_SHARE = 0.01
@@ -109,26 +109,42 @@ class _Motion:
         return Finding(kind, quantities, place=f"sample {within + 1} of period {period + 1}")
 
     def spikes(self) -> WrongSamples | None:
-        """Return single samples that leap away from both neighbours, wherever they are in a period.
-
-        The first and the last sample have those at the other end of their period as neighbours.
-        """
-        before_first, after_last = self._channel[self._samples - 1], self._channel[-self._samples]
-        around = np.concatenate([[before_first], self._channel, [after_last]])
-        before, after = self._channel - around[:-2], self._channel - around[2:]
-        height = np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
+        """Return single samples, or a few in a row, to which the motion leaps and from which it comes back."""
+        around = sliding_window_view(np.pad(self._steps, 2, mode="symmetric"), 5)
+        leap = self._steps - np.median(around, axis=1)  # no step of a smooth motion differs much from those beside
         low, high = np.quantile(self._channel, (1 - USUAL_SHARE, USUAL_SHARE))
         least = max(MIN_SPIKE * (high - low), MIN_SPIKE_STEPS * smallest_step(self._channel))
-        far = height > max(least, SPIKE_FACTOR * float(np.quantile(height, USUAL_SHARE)))
-        if not 0 < far.sum() <= max(MAX_SPIKE_SHARE * far.size, 1):
+        limit = max(least, SPIKE_FACTOR * float(np.quantile(np.abs(leap), USUAL_SHARE)))
+        most = max(int(MAX_SPIKE_SHARE * self._channel.size), 1)
+        places = np.flatnonzero(np.abs(leap) > limit)
+        found = list(self._excursions(places, leap, most)) if places.size <= 2 * most else []
+        count = sum(stop - start for start, stop, _ in found)
+        if not 0 < count <= most:
             return None
-        worst = int(np.argmax(height))
-        found = (
-            Quantity(float(self._channel[worst]), self._unit, "value"),
-            Quantity(float(around[worst]), self._unit, "before it"),
-            Quantity(float(far.sum()), "1", "number of such samples"),
+        worst = max(found, key=lambda each: each[2])
+        quantities = (
+            Quantity(float(self._channel[worst[0]]), self._unit, "value"),
+            Quantity(worst[2], self._unit, "leap"),
+            Quantity(float(count), "1", "number of such samples"),
         )
-        return WrongSamples(self._finding("spikes", worst, *found), float(np.sum(height[far])))
+        return WrongSamples(
+            self._finding("spikes", worst[0], *quantities), sum((stop - start) * size for start, stop, size in found)
+        )
+
+    def _excursions(
+        self, places: NDArray[np.int64], leap: NDArray[np.float64], most: int
+    ) -> Iterator[tuple[int, int, float]]:
+        """Yield first sample, the one after the last, and size of what lies between two opposite leaps, or an end."""
+        size, number = self._channel.size, 0
+        while number < places.size:
+            place, height = int(places[number]), float(abs(leap[places[number]]))
+            onward = int(places[number + 1]) if number + 1 < places.size else size - 1
+            if onward - place <= most and (onward == size - 1 or leap[place] * leap[onward] < 0):
+                yield place + 1, onward + 1, height
+                number += 1
+            elif number == 0 and place < most:
+                yield 0, place + 1, height
+            number += 1
 
     def stops(self) -> WrongSamples | None:
         """Return where a motion stops within a sample: at the ends of its range it is clipped, elsewhere lost."""

@@ -83,13 +83,13 @@ def test_what_machines_do_is_not_questioned(y: NDArray[np.float64]) -> None:
 
 
 @pytest.mark.parametrize("value", [5.0, -5.0, 100.0])
-@pytest.mark.parametrize("where", [0, 1234, TIME.size - 1])
-@pytest.mark.parametrize("periodic", [True, False])
-def test_a_spike_is_found_at_its_place(value: float, where: int, periodic: bool) -> None:
-    (found,) = found_in(replaced([where], value), periodic=periodic)
+@pytest.mark.parametrize("where", [0, 1234, TIME.size - 8])
+@pytest.mark.parametrize(("length", "periodic"), [(1, True), (8, True), (1, False)])
+def test_a_spike_is_found_at_its_place(value: float, where: int, length: int, periodic: bool) -> None:
+    (found,) = found_in(replaced(slice(where, where + length), value), periodic=periodic)
     period, sample = divmod(where, SAMPLES) if periodic else (0, where)
     assert (found.kind, found.place) == ("spikes", f"'y', sample {sample + 1} of period {period + 1}")
-    assert [found.quantities[0].value, found.quantities[-1].value] == [value, 1]
+    assert [found.quantities[0].value, found.quantities[-1].value] == [value, length]
 
 
 @pytest.mark.parametrize(("value", "noise"), [(-9999.0, 1e-6), (5.0, 1e-2), (0.0, 1e-3)])
