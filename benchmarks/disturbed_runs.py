@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 QUESTIONS = (
-    "SELECT key, outcome, message, numerics FROM sweep ORDER BY key",
+    "SELECT key, outcome, findings, numerics FROM sweep ORDER BY key",
     *(
         f"SELECT * FROM {table} ORDER BY 1, 2, 3"
         for table in ("frequency_response", "metric", "curve", "curve_column", "fit")

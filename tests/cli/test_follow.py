@@ -7,6 +7,7 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import RunEvents, follow, print_outcome
+from fraexp.data.findings import remarks
 from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.execution.events import Begun, Ended, Event, Finished, Planned, Preparing, Progress, TimeLeft
@@ -108,7 +109,7 @@ def test_outcomes_decide_the_exit_code_and_nothing_is_plotted_where_nothing_is(
     sweep = Sweep({"source": "drive"}, {"name": "hysteresis"}, {"x": 1})
     with Store.open(str(tmp_path / "results.db"), create=True) as store:
         run = store.begin_run("one", "one.toml", "fraexp run one", {}, [sweep])
-        store.save(run, [(sweep, Result(outcome, "why"), {})])
+        store.save(run, [(sweep, Result(outcome, remarks("why")), {})])
         store.end_run(run, "complete")
     arguments = Namespace(db=None, workspace=tmp_path, json=False)
     assert told(RunEvents(ended=[Ended(run, "complete", note="two\nlines")]), arguments) == code

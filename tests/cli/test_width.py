@@ -12,6 +12,7 @@ from rich.cells import cell_len
 
 from fraexp.cli.main import main
 from fraexp.cli.output import fit_lines
+from fraexp.data.findings import remarks
 from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.store import Store
@@ -60,7 +61,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with Store.open(str(folder / "results.db"), create=True) as store:
         for name, sweeps in (("few", few), ("a-study-with-a-name-that-has-many-parts/many", many)):
             run = store.begin_run(name, f"studies/{name}.toml", f"fraexp run {name}", {"fraexp": "0.1"}, sweeps)
-            told = Result(Outcome.NOT_SETTLED, f"{LONG}: 3 of 40 frequencies", response_of(0.1))
+            told = Result(Outcome.NOT_SETTLED, remarks(f"{LONG}: 3 of 40 frequencies"), response_of(0.1))
             store.save(run, [(sweep, told, {}) for sweep in sweeps])
             store.end_run(run, "partial")
     return folder

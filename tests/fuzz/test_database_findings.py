@@ -97,7 +97,7 @@ def test_escape_codes_in_a_database_do_not_command_the_terminal(
         database,
         f"UPDATE run SET study = {evil}, command = {evil}, host = {evil}",
         f"UPDATE metric SET name = {evil}, unit = {evil}",
-        f"UPDATE sweep SET message = {evil}",
+        """UPDATE sweep SET findings = '[{"kind": "remark", "text": "a\\u001b[2J\\u202e"}]'""",
         f"UPDATE curve SET name = {evil}",
         f"UPDATE curve_column SET unit = {evil}",
     )
