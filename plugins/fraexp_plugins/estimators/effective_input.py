@@ -43,8 +43,8 @@ from fraexp_plugins.estimators._shared.parameter_uncertainty import (
     moved_within_bounds,
 )
 from fraexp_plugins.estimators._shared.plant_above_modes import MAX_ERROR, PlantAboveModes, gain_above_modes
-from fraexp_plugins.estimators._shared.possible_motions import likely_terms, with_possible_motions
-from fraexp_plugins.estimators._shared.response_doubts import check_standstill, judge_band
+from fraexp_plugins.estimators._shared.possible_motions import likely_motions, with_possible_motions
+from fraexp_plugins.estimators._shared.response_doubts import judge_band, with_standstill
 from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
 from fraexp_plugins.estimators._shared.uncertain_friction import (
     SCALES,
@@ -74,7 +74,7 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=8):
     `corrects_friction = false` it stays that of the stated model, and the band reaches to the plant.
 
     Where friction holds the machine still, its force is not in y', and no observer sees it. The response is compared
-    with the one that follows if friction balances the input there; a difference above 1 % is stated, and is not ok.
+    with the one that follows if friction balances the input there, and the difference is in the band.
 
     The errors of the friction model give the covariance of 1/P̂ by the error law, with central differences of N̂ along
     each column of a square root of their covariance, over two standard deviations on either side. The confidence band
@@ -292,7 +292,7 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=8):
             return None
         plant = PlantAboveModes.of_gain(guess, self.relative_degree)
         if self.law.state_size and self._encoder_matters(signals):
-            plant, _ = likely_terms(self, signals.segments, plant)
+            plant, _ = likely_motions(self, signals.segments, plant)
         is_known = plant.error(np.pi / min(segment.sample_time for segment in signals.segments)) < MAX_ERROR
         return hold_images(self, signals.segments, found.response, plant.limit) if is_known else images
 
@@ -303,13 +303,12 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=8):
         found = self._with_encoder_errors(signals, forces, found, relative_degree)
         segments, record = forces.signals.segments, None
         hidden = [hidden_forces(each.observer, segments) for each in forces.contacts]
-        if any(map(any, hidden)):  # what standstill hides is no error of the model
-            check = self._check_contacts_standstill if self.frictions else self._check_standstill
-            found = check(forces, hidden, found)
-        elif found.response is not None:
+        is_hidden = any(map(any, hidden))
+        if found.response is not None and not is_hidden:  # what standstill hides is no error of the model
             record = SineRecord(self, segments, self.encoder, found.response)
         errors = self._errors(signals, forces)
-        return judge_band(with_model_errors(found, record, errors, corrects=self.corrects_friction))
+        found = judge_band(with_model_errors(found, record, errors, corrects=self.corrects_friction))
+        return self._with_standstill(forces, hidden, found) if is_hidden else found
 
     def _errors(self, signals: Signals, forces: ContactForces) -> ModelErrors | None:
         """Return what is uncertain of the models: scales contact by contact, and the columns of stated deviations.
@@ -398,36 +397,25 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=8):
         method = method.model_copy(update={key: value for key, value in given.items() if key in fields})
         return method.estimate(signals)
 
-    def _check_standstill(
+    def _with_standstill(
         self, forces: ContactForces, hidden: Sequence[Sequence[HiddenForce | None]], found: Result
     ) -> Result:
-        """Return a result that is not ok where standstill hides friction, and that says how far it may be off."""
-        if found.response is None:
+        """Return a result with the friction that standstill hides in its band; of several contacts a bound of it."""
+        response, share = found.response, max(each.share for own in hidden for each in own if each)
+        if response is None:
             return found
-        (own,) = hidden
-        with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
-            error = self._response_with(forces, own, found.response) / found.response.response - 1
-        return check_standstill(found, error, max(each.share for each in own if each))
-
-    def _check_contacts_standstill(
-        self, forces: ContactForces, hidden: Sequence[Sequence[HiddenForce | None]], found: Result
-    ) -> Result:
-        """Return the same of several contacts, with a bound: the forces between them are not known."""
-        if found.response is None:
-            return found
-        segments, names, shares = forces.signals.segments, [], [0.0]
-        error = np.zeros(found.response.frequency.size)
+        if not self.frictions:
+            with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+                error = self._response_with(forces, hidden[0], response) / response.response - 1
+            return with_standstill(found, error, share)
+        bound, names = np.zeros(response.frequency.size), []
         for contact, own in zip(forces.contacts, hidden, strict=True):
-            force = [
-                np.abs(contact.thrust_ratio(2 * np.pi * segment.frequency))
-                * (each.greatest_amplitude(segment) if each else 0.0)
-                for segment, each in zip(segments, own, strict=True)
-            ]
-            error += np.concatenate(force) / found.response.input_amplitude
+            pairs = zip(forces.signals.segments, own, strict=True)
+            force = [each.greatest_amplitude(segment) if each else 0.0 * segment.lines for segment, each in pairs]
+            ratio = np.abs(contact.thrust_ratio(2 * np.pi * response.frequency))
+            bound += ratio * np.concatenate(force) / response.input_amplitude
             names += [contact.name] if any(own) else []
-            shares += [each.share for each in own if each]
-        remedy = "raise the amplitude, or estimate plant and friction along the whole record (maximum_likelihood)"
-        return check_standstill(found, error, max(shares), names, remedy)
+        return with_standstill(found, bound, share, names)
 
     def _response_with(
         self, forces: ContactForces, hidden: Sequence[HiddenForce | None], found: FrequencyResponse
@@ -461,12 +449,12 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=8):
             return found
         if not any(contact.observer.law.state_size for contact in forces.contacts):
             return with_rounding(found, signals.segments, self.output, self.resolution, self.encoder)
-        likely, unsampled = None, None
+        motions, unsampled = None, None
         if not self.frictions:
             plant = PlantAboveModes.of_gain(gain_above_modes(found.response, relative_degree), relative_degree)
-            plant, likely = likely_terms(self, signals.segments, plant)
+            plant, motions = likely_motions(self, signals.segments, plant)
             unsampled = unsampled_errors(self, signals.segments, plant)
-        response = with_possible_motions(found.response, forces, self.output, likely, unsampled)
+        response = with_possible_motions(found.response, forces, self.output, motions, unsampled)
         return replace(found, response=response)
 
 

@@ -23,7 +23,7 @@ from fraexp.api import (
 )
 from fraexp_plugins.estimators._shared.contacts import ContactForces, ContactFriction
 from fraexp_plugins.estimators._shared.effective_input_observer import ObserverEstimator
-from fraexp_plugins.estimators._shared.measured_motion import LikelyTerms, MeasuredMotion
+from fraexp_plugins.estimators._shared.measured_motion import MeasuredMotion
 from fraexp_plugins.estimators._shared.plant_above_modes import Harmonics, PlantAboveModes, fit_above_modes
 
 DRAWS = 32
@@ -40,16 +40,14 @@ ROUNDS = 2
 """Times that the friction force is found: along the clear terms, and along what it makes likely."""
 
 
-def likely_terms(
+def likely_motions(
     observer: ObserverEstimator, segments: Sequence[Segment], guess: PlantAboveModes
-) -> tuple[PlantAboveModes, list[LikelyTerms]]:
-    """Return the plant above its modes, and what it and friction make likely of the motion in each segment.
+) -> tuple[PlantAboveModes, list[MeasuredMotion]]:
+    """Return the plant above its modes, and the motion in each segment with what it and friction make likely of it.
 
     Where nothing is excited, and not at rest, the friction force alone causes the motion.
     """
-    encoder, plant = observer.encoder, guess
-    measured = [MeasuredMotion.of(segment, observer.output, encoder) for segment in segments]
-    likely = [LikelyTerms.unknown(each.terms.size) for each in measured]
+    plant, measured = guess, [MeasuredMotion.of(segment, observer.output, observer.encoder) for segment in segments]
     motions = [np.where(each.is_clear, each.terms, 0) for each in measured]
     for _ in range(ROUNDS):
         driving = [
@@ -63,25 +61,22 @@ def likely_terms(
             caused.append(own)
         plant = fit_above_modes([Harmonics.of(*pair) for pair in zip(measured, caused, strict=True)], guess)
         likely = [plant.likely_terms(each.omega, force) for each, force in zip(measured, caused, strict=True)]
-        measured = [
-            MeasuredMotion.of(segment, observer.output, encoder, own)
-            for segment, own in zip(segments, likely, strict=True)
-        ]
+        pairs = zip(segments, likely, strict=True)
+        measured = [MeasuredMotion.of(segment, observer.output, observer.encoder, own) for segment, own in pairs]
         motions = [each.posterior for each in measured]
-    return plant, likely
+    return plant, measured
 
 
-def draw_motions(segment: Segment, channel: str, motion: MeasuredMotion, likely: LikelyTerms) -> NDArray[np.complex128]:
-    """Return motions that a position could have made, shape (draws, terms).
+def draw_motions(motion: MeasuredMotion, seed: int) -> NDArray[np.complex128]:
+    """Return motions that could have been, shape (draws, terms).
 
     The first number of each draw, of the term that is constant, is the error of the plant: what it predicts errs alike
     at all terms.
     """
-    generator = np.random.default_rng(zlib.crc32(segment.channels[channel].tobytes()))
-    normal = generator.standard_normal((DRAWS, 2 * motion.terms.size)).view(complex) * np.sqrt(0.5)
+    normal = np.random.default_rng(seed).standard_normal((DRAWS, 2 * motion.terms.size)).view(complex) * np.sqrt(0.5)
     normal -= np.add.reduce(normal) / DRAWS  # their mean is then free of the noise that merely passes through
-    spread, predicted = np.sqrt(motion.share * motion.variance) * normal, ~np.isnan(likely.deviation)
-    mean, size, share = likely.mean[predicted], likely.deviation[predicted], motion.share[predicted]
+    spread, predicted = np.sqrt(motion.share * motion.variance) * normal, ~np.isnan(motion.likely.deviation)
+    mean, size, share = motion.likely.mean[predicted], motion.likely.deviation[predicted], motion.share[predicted]
     common = (1 - share) * size * mean / np.abs(mean) * normal[:, :1]
     spread[:, predicted] = common + share * np.sqrt(motion.variance) * normal[:, predicted]
     spread[:, 0] = 0
@@ -97,45 +92,46 @@ class ForceErrors(NamedTuple):
     """[N]."""
 
 
-def draw_errors(forces: ContactForces, number: int, output: str, likely: LikelyTerms | None) -> ForceErrors:
-    """Return the errors of the motions that a segment could have made, and of its clear terms, (draws + 1, lines)."""
+def draw_errors(forces: ContactForces, number: int, output: str, known: MeasuredMotion | None) -> ForceErrors:
+    """Return the errors of the motions that a segment could have made, and of its clear terms, (draws + 1, lines).
+
+    The motion of the output may be known already.
+    """
     segment, encoder = forces.signals.segments[number], forces.contacts[0].observer.encoder
     channels = {output} | {channel for contact in forces.contacts for channel in contact.position_ratios}
-    measured, changes = {}, {}
-    for channel in sorted(channels):
-        own = likely if likely is not None and channel == output else None
-        measured[channel] = MeasuredMotion.of(segment, channel, encoder, own)
-        unknown = LikelyTerms.unknown(measured[channel].terms.size)
-        drawn = draw_motions(segment, channel, measured[channel], own or unknown)
-        clear = np.where(measured[channel].is_clear, measured[channel].terms, 0)
-        changes[channel] = np.vstack([drawn, clear]) - measured[channel].taken
-    motion = measured[output]
-    force = [_force_errors(contact, number, segment, motion, changes) for contact in forces.contacts]
-    return ForceErrors(2 * changes[output][:, motion.lines], np.add.reduce(force))
+    measured = {channel: MeasuredMotion.of(segment, channel, encoder) for channel in sorted(channels - {output})}
+    measured[output] = known or MeasuredMotion.of(segment, output, encoder)
+    changes = {}
+    for channel, motion in measured.items():
+        drawn = draw_motions(motion, zlib.crc32(segment.channels[channel].tobytes()))
+        changes[channel] = np.vstack([drawn, np.where(motion.is_clear, motion.terms, 0)]) - motion.taken
+    force = [_force_errors(contact, number, segment, measured, changes) for contact in forces.contacts]
+    return ForceErrors(2 * changes[output][:, measured[output].lines], np.add.reduce(force))
 
 
 def _force_errors(
     contact: ContactFriction,
     number: int,
     segment: Segment,
-    motion: MeasuredMotion,
+    measured: Mapping[str, MeasuredMotion],
     changes: Mapping[str, NDArray[np.complex128]],
 ) -> NDArray[np.complex128]:
     """Return the errors of a contact's friction as thrust [N] along the motions that are possible, (draws + 1, lines).
 
     The force along the motion that the observer took is found more finely, too.
     """
-    observer, omega, lines = contact.observer, motion.omega[1:], motion.lines
-    own = MeasuredMotion.of(segment, observer.output, observer.encoder)
+    observer = contact.observer
+    own = measured.get(observer.output) or MeasuredMotion.of(segment, observer.output, observer.encoder)
+    omega, lines = own.omega[1:], own.lines
     change = np.zeros((DRAWS + 1, own.terms.size), dtype=complex)
     for channel, ratio in contact.position_ratios.items():
         change[:, 1:] += ratio(omega) * changes[channel][:, 1:]
-    driving = motions_of(observer, segment, np.vstack([own.taken, own.taken + change]), motion.duration)
+    driving = motions_of(observer, segment, np.vstack([own.taken, own.taken + change]), own.duration)
     sums = fourier_sums(np.stack(observer.law.forces(driving)), lines)
-    (finer,) = observer.law.forces(motions_of(observer, segment, own.taken[None], motion.duration, FINER))
+    (finer,) = observer.law.forces(motions_of(observer, segment, own.taken[None], own.duration, FINER))
     coarse = np.add.reduce(contact.forces[number]) / len(contact.forces[number])
     sums[1:] += fourier_sums(finer[None], lines) - fourier_sums(coarse[None], segment.lines)
-    at_lines = motion.omega[lines]
+    at_lines = own.omega[lines]
     moved = (sums[1:] - sums[0]) * observer.force_factor(at_lines)
     moved += 2j * at_lines * observer.law.viscous * change[:, lines]
     return np.asarray(contact.thrust_ratio(at_lines) * moved)
@@ -163,7 +159,7 @@ def with_possible_motions(
     response: FrequencyResponse,
     forces: ContactForces,
     output: str,
-    likely: Sequence[LikelyTerms] | None,
+    motions: Sequence[MeasuredMotion] | None,
     unsampled: Sequence[ForceErrors] | None,
 ) -> FrequencyResponse:
     """Return a response that is moved by the mean error of all motions that are possible, with their scatter as band.
@@ -175,7 +171,7 @@ def with_possible_motions(
     """
     ratios, vectors, begin = [], [], 0
     for number, segment in enumerate(forces.signals.segments):
-        errors = draw_errors(forces, number, output, likely[number] if likely else None)
+        errors = draw_errors(forces, number, output, motions[number] if motions else None)
         measured = phasors(segment, output)
         y = np.add.reduce(measured) / len(measured)
         drawn = ForceErrors(errors.output[:DRAWS], errors.force[:DRAWS])

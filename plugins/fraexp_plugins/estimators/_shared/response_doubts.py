@@ -15,9 +15,9 @@ from fraexp.api import (
     at_worst,
 )
 
-MAX_STANDSTILL_ERROR = 0.01
-"""Relative error of the response by standstill from which it is not ok."""
 ACCURACY = Accuracy()
+CONTACTS_REMEDY = "raise the amplitude, or estimate plant and friction along the whole record (maximum_likelihood)"
+"""What helps where one of several contacts stands."""
 
 
 def judge_band(found: Result, accuracy: Accuracy = ACCURACY) -> Result:
@@ -54,31 +54,39 @@ def _band(
     return Finding(kind, quantities, tuple(map(float, frequency[where])), where.size)
 
 
-def check_standstill(
+def with_standstill(
     found: Result,
     error: NDArray[np.float64] | NDArray[np.complex128],
     share: float,
     contacts: Sequence[str] = (),
-    remedy: str = "",
+    accuracy: Accuracy = ACCURACY,
 ) -> Result:
-    """Return a result that is not ok where standstill may change the response, relative to it, shape (n,).
+    """Return a result whose band contains the relative error by standstill as a standard deviation, shape (n,).
 
-    `share` is the largest share of the time for which the machine, or one of the contacts, stands.
+    Where that makes the band too wide it is not ok. `share` is the largest share of the time for which the machine, or
+    one of the contacts, stands.
     """
-    if found.response is None:
+    response = found.response
+    if response is None:
         return found
     error = np.where(np.isfinite(error), error, 0.0)
-    wrong = np.abs(error) > MAX_STANDSTILL_ERROR
+    unseen = (np.abs(error / response.response) ** 2 / 2)[:, None, None] * np.eye(2)
+    model = unseen if response.model_covariance is None else response.model_covariance + unseen
+    alone = replace(response, covariance=np.zeros_like(response.covariance), model_covariance=unseen)
+    whole = replace(response, model_covariance=model)
+    was_within, *are_within = (BandReach.of(each).is_within(accuracy) for each in (response, alone, whole))
+    wrong = (error != 0) & (~are_within[0] | (was_within & ~are_within[1]))
+    found = replace(found, response=whole)
     if not wrong.any():
         return found
     finding = at_worst(
         "hidden by standstill",
-        found.response.frequency,
+        response.frequency,
         wrong,
         error,
         "response off by up to",
         quantities=(Quantity(100 * share, "%", "standstill"),),
         place=f"contact {' or '.join(contacts)}" if contacts else "",
-        remedy=remedy,
+        remedy=CONTACTS_REMEDY if contacts else "",
     )
     return found.with_findings(finding, is_doubt=True)
