@@ -32,9 +32,20 @@ from fraexp_plugins.estimators._shared.contacts import (
     with_displacement,
 )
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT, ObserverEstimator, is_from_rest
+from fraexp_plugins.estimators._shared.friction_band import (
+    SCALES,
+    UNSTATED,
+    ModelErrors,
+    inverse_response,
+    judge_band,
+    knows_machine,
+    prior_std,
+    scale_factors,
+    with_model_errors,
+    with_standstill,
+)
 from fraexp_plugins.estimators._shared.friction_posterior import SineRecord
 from fraexp_plugins.estimators._shared.measured_motion import with_rounding
-from fraexp_plugins.estimators._shared.model_covariance import inverse_response
 from fraexp_plugins.estimators._shared.motion_above_nyquist import HoldImages, hold_images, unsampled_errors
 from fraexp_plugins.estimators._shared.parameter_uncertainty import (
     Deviation,
@@ -44,17 +55,7 @@ from fraexp_plugins.estimators._shared.parameter_uncertainty import (
 )
 from fraexp_plugins.estimators._shared.plant_above_modes import MAX_ERROR, PlantAboveModes, gain_above_modes
 from fraexp_plugins.estimators._shared.possible_motions import likely_motions, with_possible_motions
-from fraexp_plugins.estimators._shared.response_doubts import judge_band, with_standstill
 from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
-from fraexp_plugins.estimators._shared.uncertain_friction import (
-    SCALES,
-    UNSTATED,
-    ModelErrors,
-    knows_machine,
-    prior_std,
-    scale_factors,
-    with_model_errors,
-)
 
 
 class EffectiveInput(ObserverEstimator, name="effective_input", version=8):

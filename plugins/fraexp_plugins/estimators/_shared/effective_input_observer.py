@@ -18,6 +18,7 @@ from fraexp.api import (
     PositionDependentFriction,
     Segment,
     Signals,
+    cached_arrays,
     fourier_sums,
     param,
     path_response,
@@ -25,12 +26,15 @@ from fraexp.api import (
     record_spectrum,
 )
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator, LoopDelays
-from fraexp_plugins.estimators._shared.interpolation import resample
 from fraexp_plugins.estimators._shared.measured_motion import CLEAR_TERM_STDS
 from fraexp_plugins.estimators._shared.oversampling import choose_oversampling
 
 EFFECTIVE_INPUT = "u_e"
 """Name of the channel û_e."""
+MAX_TABULATED_SAMPLES = 4096
+"""Samples of a record up to which the shifts of its Fourier series are cached: many sweeps share them."""
+MAX_SHIFTS_BYTES = 1 << 25
+"""Memory of all that are cached."""
 TOLERANCE_RATIO = 10.0
 """Tolerated error of y'/û_e over that of y'/u: the effective input is a small difference."""
 FREQUENCIES_PER_BLOCK = 8192
@@ -333,3 +337,19 @@ def _significant_terms(bins: NDArray[np.complex128], variance: float) -> NDArray
 def is_from_rest(segment: Segment) -> bool:
     """Say whether a segment was recorded from rest, its transient included; measured segments count as periodic."""
     return segment.settling is not None and segment.settling.time == 0
+
+
+def resample(bins: NDArray[np.complex128], samples: int, points: int) -> NDArray[np.float64]:
+    """Return a Fourier series at `points` points per sample, shape (samples points,)."""
+    if samples <= MAX_TABULATED_SAMPLES:  # `points` transforms of the record's own length, whose factors are small
+        return np.fft.irfft(bins * _shifts(samples, points), samples, axis=1).T.ravel()
+    if samples % 2 == 0:
+        bins = np.append(bins[:-1], bins[-1] / 2)  # the Nyquist line counts twice
+    return np.fft.irfft(bins, samples * points) * points
+
+
+@cached_arrays(MAX_SHIFTS_BYTES)
+def _shifts(samples: int, points: int) -> NDArray[np.complex128]:
+    """Return the factors that shift a Fourier series by 0, 1/points… of a sample, shape (points, samples // 2 + 1)."""
+    parts = np.arange(points)[:, None] / points
+    return np.exp(2j * np.pi * parts * np.arange(samples // 2 + 1) / samples)

@@ -10,16 +10,23 @@ distribution. Where no harmonic tells anything, the posterior is the prior.
 """
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Encoder, FrequencyResponse, Segment, phasor_variance, phasors, record_spectrum
+from fraexp.api import (
+    Encoder,
+    FrequencyResponse,
+    Segment,
+    circle_factor,
+    degrees_of_freedom,
+    phasor_variance,
+    phasors,
+    record_spectrum,
+)
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators._shared.effective_input_observer import is_from_rest
-from fraexp_plugins.estimators._shared.model_covariance import relative_radius
-from fraexp_plugins.estimators._shared.plant_curve import PlantCurve
 
 MAX_ORDER = 25
 """Highest harmonic that is examined: those of dry friction fall with the order, and hide in the encoder's noise."""
@@ -39,6 +46,12 @@ STARTS = 12
 """Errors drawn from the prior, at the most probable of which the search begins: it is not unimodal."""
 MAX_STEPS, SMALL_STEP = 4, 0.01
 """Steps with one tolerance, and the last one's size in prior standard deviations."""
+
+MAX_FREQUENCY_RATIO = 1.5
+"""Ratio of two neighbouring frequencies, at most, between which the plant is interpolated: more may hide a mode."""
+MAX_BEND = 0.5
+"""Distance of a value from the straight line between its neighbours, relative to the greatest of them, from which an
+antiresonance may lie there."""
 
 ForceTerms = Callable[[NDArray[np.float64]], Sequence[NDArray[np.complex128]]]
 """Returns all friction as thrust [N] for errors of the model, shape (p,): of each segment the terms at its excited line
@@ -175,6 +188,84 @@ def _posterior(harmonics: "_Harmonics", found: _Look) -> FrictionPosterior:
     return FrictionPosterior(found.errors, vectors * np.sqrt(values), law_error, telling)
 
 
+class _PlantCurve(NamedTuple):
+    """The apparent mass -1/(ω² P) [kg] over ln ω, shape (n,): linear in friction, smooth but for antiresonances."""
+
+    place: NDArray[np.float64]
+    value: NDArray[np.complex128]
+    deviation: NDArray[np.float64]
+    """What its band has for radius [kg]; 0 where it is unknown."""
+
+    @classmethod
+    def of(cls, omega: NDArray[np.float64], inverse: NDArray[np.complex128], deviation: NDArray[np.float64]) -> Self:
+        """Return the curve through 1/P [N/m] at ω [rad/s], with the radius of its band [N/m], shape (n,) each."""
+        usable = np.isfinite(inverse)
+        omega, inverse, deviation = omega[usable], inverse[usable], deviation[usable]
+        place, order = np.unique(np.log(omega), return_index=True)
+        mass = -inverse[order] / omega[order] ** 2
+        return cls(place, mass, np.nan_to_num(deviation[order], nan=0.0, posinf=np.inf) / omega[order] ** 2)
+
+    @property
+    def has_close_frequencies(self) -> bool:
+        """Whether the plant is known between any two frequencies, with others beside them."""
+        return self.place.size > 2 and float(np.diff(self.place).min()) <= np.log(MAX_FREQUENCY_RATIO)
+
+    def is_close(self, omega: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return whether frequencies [rad/s] lie between two that are close to each other, shape (k,)."""
+        place = np.log(omega)
+        inside = (place >= self.place[0]) & (place <= self.place[-1])
+        left, right = self._ends(omega)
+        return np.asarray(inside & (self.place[right] - self.place[left] <= np.log(MAX_FREQUENCY_RATIO)))
+
+    def is_known(self, omega: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return whether frequencies [rad/s] lie between two that are close, without a mode between them, shape (k,).
+
+        An antiresonance between two frequencies bends the curve at both.
+        """
+        left, right = self._ends(omega)
+        share = (self.place[1:-1] - self.place[:-2]) / (self.place[2:] - self.place[:-2])
+        bend = np.abs(self.value[1:-1] - (1 - share) * self.value[:-2] - share * self.value[2:])
+        greatest = np.abs(np.stack([self.value[1:-1], self.value[:-2], self.value[2:]])).max(axis=0)
+        is_smooth = np.concatenate([[True], bend <= MAX_BEND * greatest, [True]])
+        return np.asarray(self.is_close(omega) & is_smooth[left] & is_smooth[right])
+
+    def sharing(self, omega: NDArray[np.float64], counts: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return how many of the frequencies that count lie between the same two, and share their error, shape (k,)."""
+        left, _ = self._ends(omega)
+        return np.maximum(np.bincount(left[counts], minlength=self.place.size)[left], 1.0)
+
+    def inverse(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return 1/P [N/m] by cubics whose slopes at both ends are those of parabolas, shape (k,)."""
+        straight, begin, end = self._parts(omega)
+        return np.asarray(-(straight + begin - end) * omega**2)
+
+    def error(self, omega: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the error of that [N/m], shape (k,).
+
+        It is the band's, and the distance to straight lines: how far they are off bounds how far the cubic is. Where a
+        mode bends the curve at both ends alike the cubic crosses the line, and is no better there: sizes are added.
+        """
+        _, begin, end = self._parts(omega)
+        left, right = self._ends(omega)
+        band = np.maximum(self.deviation[left], self.deviation[right])
+        return np.asarray((np.abs(begin) + np.abs(end) + band) * omega**2)
+
+    def _parts(self, omega: NDArray[np.float64]) -> tuple[NDArray[np.complex128], ...]:
+        """Return the straight lines, and what the slopes at the left and at the right end of each add, shape (k,)."""
+        left, right = self._ends(omega)
+        slope, step = np.gradient(self.value, self.place), self.place[right] - self.place[left]
+        part = (np.log(omega) - self.place[left]) / step
+        rise = self.value[right] - self.value[left]
+        height = part * (1 - part)
+        begin, end = (1 - part) * (step * slope[left] - rise), part * (step * slope[right] - rise)
+        return self.value[left] + part * rise, height * begin, height * end
+
+    def _ends(self, omega: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the numbers of the frequencies between which others lie."""
+        right = np.clip(np.searchsorted(self.place, np.log(omega)), 1, self.place.size - 1)
+        return right - 1, right
+
+
 class _Harmonics:
     """The harmonics of all segments that lie among the measured frequencies, shape (n,) each."""
 
@@ -202,13 +293,13 @@ class _Harmonics:
         at_harmonics = [each[orders - 1] for each, orders in zip(terms, self.orders, strict=True)]
         return np.array([each[0] for each in terms]), np.concatenate(at_harmonics)
 
-    def _plant(self, excited: NDArray[np.complex128]) -> PlantCurve:
+    def _plant(self, excited: NDArray[np.complex128]) -> _PlantCurve:
         """Return the plant that follows from such friction at the excited lines [N]."""
         found, settled = self.response, self.response.settled
         with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
             inverse = 1 / found.response + (self.stated - excited) / self.output
-            radius = relative_radius(found) / np.abs(found.response)
-        return PlantCurve.of(2 * np.pi * found.frequency[settled], inverse[settled], radius[settled])
+            radius = _relative_radius(found) / np.abs(found.response)
+        return _PlantCurve.of(2 * np.pi * found.frequency[settled], inverse[settled], radius[settled])
 
     @property
     def close(self) -> NDArray[np.bool_]:
@@ -312,3 +403,11 @@ def _term_deviation(segment: Segment, channel: str, encoder: Encoder, alike: int
     noise = terms[terms.size // 2 :] if len(y) == 1 else terms[np.arange(terms.size) % len(y) != 0]
     shown = (noise.real**2 + noise.imag**2).mean() * (2 / y.size) ** 2
     return float(np.sqrt(max(stated, shown)))
+
+
+def _relative_radius(response: FrequencyResponse) -> NDArray[np.float64]:
+    """Return the radius of the 95 % circle relative to the response, shape (n,); NaN where it is unknown."""
+    with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+        return np.asarray(
+            circle_factor(degrees_of_freedom(response)) * response.standard_deviation / np.abs(response.response)
+        )

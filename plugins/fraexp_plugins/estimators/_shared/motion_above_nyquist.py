@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from fraexp.api import FrequencyResponse, Segment, fourier_sums, image_factor, path_response, phasors
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
-from fraexp_plugins.estimators._shared.effective_input_observer import ObserverEstimator
-from fraexp_plugins.estimators._shared.interpolation import resample
+from fraexp_plugins.estimators._shared.effective_input_observer import ObserverEstimator, resample
 from fraexp_plugins.estimators._shared.plant_above_modes import PlantAboveModes
 from fraexp_plugins.estimators._shared.possible_motions import ForceErrors
 

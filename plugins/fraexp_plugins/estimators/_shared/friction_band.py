@@ -1,6 +1,7 @@
-"""The response of an estimator whose friction model is uncertain: moved to the errors that harmonics show, with a band.
+"""The band of a response to the effective input: an uncertain friction model, standstill, and the verdict on both.
 
-The error law 1/P̂ - 1/P = N - N̂ is linear in the model's force, so that all of this happens in 1/P̂.
+The response is moved to the errors of the model that harmonics show. The error law 1/P̂ - 1/P = N - N̂ is linear in the
+model's force, so that its covariance is that of 1/P̂.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -10,7 +11,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Estimator, FrictionModel, Metric, Result, Signals
+from fraexp.api import (
+    Accuracy,
+    BandReach,
+    Estimator,
+    Finding,
+    FrequencyResponse,
+    FrictionModel,
+    Metric,
+    Quantity,
+    Result,
+    Signals,
+    at_worst,
+)
 from fraexp_plugins.estimators._shared.delayed_estimator import LoopDelays
 from fraexp_plugins.estimators._shared.friction_posterior import (
     FrictionPosterior,
@@ -18,7 +31,6 @@ from fraexp_plugins.estimators._shared.friction_posterior import (
     Stiffness,
     friction_posterior,
 )
-from fraexp_plugins.estimators._shared.model_covariance import outer_parts, with_inverse
 
 SCALES = ("force_scale", "displacement_scale")
 PRIOR_STD = 0.1
@@ -33,6 +45,9 @@ REACH = 2.0
 """Half width of central differences of 1/P̂, in standard deviations: about as far as the edge of the confidence band."""
 NORMAL_95 = 1.959964
 """Half width of a 95 % interval in standard deviations."""
+ACCURACY = Accuracy()
+CONTACTS_REMEDY = "raise the amplitude, or estimate plant and friction along the whole record (maximum_likelihood)"
+"""What helps where one of several contacts stands."""
 
 Sizes = NDArray[np.float64]
 """Errors in their standard deviations, shape (p,)."""
@@ -126,3 +141,112 @@ def with_model_errors(
         covariance, change = covariance + outer_parts(change), 0 * change
     metrics = (*found.metrics, *errors.metrics(posterior))
     return replace(found, response=with_inverse(found.response, change, covariance), metrics=metrics)
+
+
+def inverse_response(result: Result) -> NDArray[np.complex128]:
+    """Return 1/P̂, complex, shape (n,)."""
+    response = result.response.response if result.response else np.empty(0)
+    with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+        return np.asarray(1 / response)
+
+
+def outer_parts(change: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return the products of (real, imaginary) part of each change, shape (n, 2, 2)."""
+    parts = np.stack([change.real, change.imag], axis=1)
+    return np.asarray(parts[:, :, None] * parts[:, None, :])
+
+
+def with_inverse(
+    response: FrequencyResponse, change: NDArray[np.complex128], covariance: NDArray[np.float64]
+) -> FrequencyResponse:
+    """Return the response whose inverse is changed, shape (n,), and has this covariance by the model, shape (n, 2, 2).
+
+    The band by noise keeps its size in 1/response. Where it is unknown, all of the covariance is that by the model.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+        ratio = 1 / (1 + change * response.response)
+    freedom = response.freedom
+    if freedom is not None:
+        freedom = np.where(np.isfinite(response.covariance).all(axis=(1, 2)), freedom, np.inf)
+    turn = np.moveaxis(np.array([[ratio.real, -ratio.imag], [ratio.imag, ratio.real]]), -1, 0)
+    turn = turn @ turn  # 1/response changes by δ where response changes by -δ response²
+    return replace(
+        response,
+        response=response.response * ratio,
+        covariance=turn @ response.covariance @ np.swapaxes(turn, 1, 2),
+        input_amplitude=response.input_amplitude / np.abs(ratio),
+        freedom=freedom,
+        model_covariance=covariance,
+    )
+
+
+def judge_band(found: Result, accuracy: Accuracy = ACCURACY) -> Result:
+    """Return a result that is not ok where its band reaches beyond the accuracy that is asked for.
+
+    A finding for each part of the band that is to blame says at which frequencies, and how far the whole band reaches.
+    """
+    if found.response is None:
+        return found
+    response, whole = found.response, BandReach.of(found.response)
+    wrong = response.settled & ~whole.is_within(accuracy)
+    if not wrong.any():
+        return found
+    parts = {
+        "band by friction": BandReach.of(replace(response, covariance=np.zeros_like(response.covariance))),
+        "band by encoder": BandReach.of(replace(response, model_covariance=None)),
+    }
+    beyond = {kind: wrong & ~reach.is_within(accuracy) for kind, reach in parts.items()}
+    blamed = {kind: where for kind, where in beyond.items() if where.any()} or dict.fromkeys(parts, wrong)
+    return found.with_findings(
+        *(_band(kind, response.frequency, where, whole, accuracy) for kind, where in blamed.items()), is_doubt=True
+    )
+
+
+def _band(
+    kind: str, frequency: NDArray[np.float64], where: NDArray[np.bool_], reach: BandReach, accuracy: Accuracy
+) -> Finding:
+    worst = int(np.argmax(np.where(where, reach.magnitude, -1.0)))
+    quantities = (
+        Quantity(float(reach.magnitude[worst]), "dB", "band", float(frequency[worst])),
+        Quantity(accuracy.magnitude, "dB", "expected"),
+        Quantity(accuracy.phase, "°", "and"),
+    )
+    return Finding(kind, quantities, tuple(map(float, frequency[where])), where.size)
+
+
+def with_standstill(
+    found: Result,
+    error: NDArray[np.float64] | NDArray[np.complex128],
+    share: float,
+    contacts: Sequence[str] = (),
+    accuracy: Accuracy = ACCURACY,
+) -> Result:
+    """Return a result whose band contains the relative error by standstill as a standard deviation, shape (n,).
+
+    Where that makes the band too wide it is not ok. `share` is the largest share of the time for which the machine, or
+    one of the contacts, stands.
+    """
+    response = found.response
+    if response is None:
+        return found
+    error = np.where(np.isfinite(error), error, 0.0)
+    unseen = (np.abs(error / response.response) ** 2 / 2)[:, None, None] * np.eye(2)
+    model = unseen if response.model_covariance is None else response.model_covariance + unseen
+    alone = replace(response, covariance=np.zeros_like(response.covariance), model_covariance=unseen)
+    whole = replace(response, model_covariance=model)
+    was_within, *are_within = (BandReach.of(each).is_within(accuracy) for each in (response, alone, whole))
+    wrong = (error != 0) & (~are_within[0] | (was_within & ~are_within[1]))
+    found = replace(found, response=whole)
+    if not wrong.any():
+        return found
+    finding = at_worst(
+        "hidden by standstill",
+        response.frequency,
+        wrong,
+        error,
+        "response off by up to",
+        quantities=(Quantity(100 * share, "%", "standstill"),),
+        place=f"contact {' or '.join(contacts)}" if contacts else "",
+        remedy=CONTACTS_REMEDY if contacts else "",
+    )
+    return found.with_findings(finding, is_doubt=True)
