@@ -2,10 +2,10 @@
 
 import itertools
 from abc import ABC
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,6 @@ from fraexp.api import (
 )
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator, LoopDelays
 from fraexp_plugins.estimators._shared.measured_motion import CLEAR_TERM_STDS
-from fraexp_plugins.estimators._shared.oversampling import choose_oversampling
 
 EFFECTIVE_INPUT = "u_e"
 """Name of the channel û_e."""
@@ -35,6 +34,13 @@ MAX_TABULATED_SAMPLES = 4096
 """Samples of a record up to which the shifts of its Fourier series are cached: many sweeps share them."""
 MAX_SHIFTS_BYTES = 1 << 25
 """Memory of all that are cached."""
+LEAST_POINTS, MOST_POINTS = 4, 64
+"""Least and greatest number of points per sample that is chosen."""
+ERROR_RATIO = 2 / 3
+"""Error over the change by twice as many points: a third for a method of second order, and as much again where the
+friction turns."""
+MAX_EXAMINED = 3
+"""Maximum number of segments that are tried with several numbers of points."""
 TOLERANCE_RATIO = 10.0
 """Tolerated error of y'/û_e over that of y'/u: the effective input is a small difference."""
 FREQUENCIES_PER_BLOCK = 8192
@@ -133,17 +139,24 @@ class ObserverEstimator(DelayedEstimator, ABC):
         return [delayed * phasors(segment, self.input) for segment, delayed in zip(segments, path, strict=True)]
 
     def resolve_oversampling(self, segments: Sequence[Segment]) -> Self:
-        """Return the estimator with the points per sample that its friction model needs along these segments."""
+        """Return the estimator with the points per sample that its friction model needs along these segments.
+
+        How many that are follows from the widths of the friction model's elements and from the motion, and is tried on
+        a few segments: until twice as many change the effective input by less than the tolerance.
+        """
         if self.oversampling:
             return self
-
-        def friction(numbers: Sequence[int], examined: Sequence[Segment]) -> list[list[NDArray[np.complex128]]]:
-            observers = [self._oversampled(points) for points in numbers]
-            forces = _forces_side_by_side(observers, examined)
-            return [each._friction_phasors(examined, force) for each, force in zip(observers, forces, strict=True)]
-
-        tolerance = TOLERANCE_RATIO * self.interpolation_tolerance
-        points = choose_oversampling(segments, tolerance, self.linear_phasors, friction)
+        waiting, points = _examined(segments), LEAST_POINTS
+        tolerance = TOLERANCE_RATIO * self.interpolation_tolerance / ERROR_RATIO
+        coarse = self._oversampled(points // 2)._friction_phasors(waiting)
+        while points < MOST_POINTS:
+            fine = self._oversampled(points)._friction_phasors(waiting)
+            given = zip(self.linear_phasors(waiting), coarse, fine, strict=True)
+            is_coarse = [_relative_change(*each) > tolerance for each in given]
+            if not any(is_coarse):
+                break
+            waiting, coarse = list(itertools.compress(waiting, is_coarse)), list(itertools.compress(fine, is_coarse))
+            points *= 2
         return self._oversampled(points)
 
     def resolve_for(self, signals: Signals) -> Self:
@@ -208,20 +221,16 @@ class ObserverEstimator(DelayedEstimator, ABC):
         covariance then includes the noise that acts through friction, which is most of it if friction is most of the
         input.
         """
-        return _forces_side_by_side([self], segments)[0]
-
-    def _periods_of_forces(
-        self, segments: Sequence[Segment], motions: "_Motions", forces: Iterator[NDArray[np.float64]]
-    ) -> list[NDArray[np.float64]]:
-        """Return what `_forces` does, from the forces along the whole motions, then along the single periods."""
-        whole, found = list(itertools.islice(forces, len(motions.whole))), []
-        for segment, force, own_motions in zip(segments, whole, motions.single_periods, strict=True):
-            periods = force.reshape(-1, segment.samples * self.oversampling)
-            if own_motions:
-                single = np.stack([next(forces) for _ in own_motions])
-                mean = np.add.reduce(periods, axis=0) / len(periods)
-                periods = mean + single - np.add.reduce(single, axis=0) / len(single)
-            found.append(periods)
+        whole = [self.motion(segment) for segment in segments]
+        alone = [self._motions_of_periods(*pair) for pair in zip(segments, whole, strict=True)]
+        forces, found = iter(self.law.forces([*whole, *itertools.chain(*alone)])), []
+        for segment in segments:
+            found.append(next(forces).reshape(-1, segment.samples * self.oversampling))
+        for number, own in enumerate(alone):
+            if own:
+                single = np.stack([next(forces) for _ in own])
+                mean = np.add.reduce(found[number], axis=0) / len(found[number])
+                found[number] = mean + single - np.add.reduce(single, axis=0) / len(single)
         return found
 
     def _motions_of_periods(self, segment: Segment, whole: Motion) -> list[Motion]:
@@ -292,30 +301,21 @@ class ObserverEstimator(DelayedEstimator, ABC):
         return bins / path_response(omega, 0.0, self.output_time_constants)
 
 
-class _Motions(NamedTuple):
-    """What drives a friction model along several segments."""
-
-    whole: list[Motion]
-    """All periods of each segment."""
-    single_periods: list[list[Motion]]
-    """Each period of each segment alone, where noise is known."""
-
-    @classmethod
-    def of(cls, observer: ObserverEstimator, segments: Sequence[Segment]) -> Self:
-        """Return the motions for an observer."""
-        whole = [observer.motion(segment) for segment in segments]
-        return cls(whole, [observer._motions_of_periods(*pair) for pair in zip(segments, whole, strict=True)])
+def _examined(segments: Sequence[Segment]) -> list[Segment]:
+    """Return the segments that are tried: one of several realisations, which are alike."""
+    if any(segment.lines.size > 1 for segment in segments):
+        return list(segments[:1])
+    numbers = sorted(set(np.linspace(0, len(segments) - 1, MAX_EXAMINED).round().astype(int).tolist()))
+    return [segments[number] for number in numbers]
 
 
-def _forces_side_by_side(
-    observers: Sequence[ObserverEstimator], segments: Sequence[Segment]
-) -> list[list[NDArray[np.float64]]]:
-    """Return the forces of one friction model [N] by observers that differ in their points per sample, as `_forces`."""
-    motions = [_Motions.of(observer, segments) for observer in observers]
-    each = [motion for part in motions for motion in itertools.chain(part.whole, *part.single_periods)]
-    forces = iter(observers[0].law.forces(each))
-    pairs = zip(observers, motions, strict=True)
-    return [observer._periods_of_forces(segments, part, forces) for observer, part in pairs]
+def _relative_change(
+    linear: NDArray[np.complex128], coarse: NDArray[np.complex128], fine: NDArray[np.complex128]
+) -> float:
+    """Return the relative change of the mean effective input over periods, over all lines, by the friction force."""
+    change, effective = (coarse - fine).mean(axis=0), (linear - fine).mean(axis=0)
+    size = float(np.linalg.norm(effective))
+    return float(np.linalg.norm(change)) / size if size else 0.0
 
 
 @lru_cache(8)
