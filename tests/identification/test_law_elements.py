@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fraexp_plugins.estimators.effective_input import EffectiveInput
+from fraexp_plugins.friction.dahl import Dahl
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification.autonomous._law_choice import LawChoice, LawFit, LawSelection
@@ -192,6 +193,27 @@ class BoucWen(FrictionModel, name="bouc_wen_of_a_user", version=1):
             force = min(max(force, -limit), limit)
         z_next[0] = force
         return force
+
+
+class Failing(FrictionModel, name="failing_of_a_user", version=1):
+    """A law that writes where it has no state."""
+
+    limit: float = param("N", "Coulomb force", above=0)
+
+    @staticmethod
+    def advance(z: Any, dy: float, dt: float, z_next: Any, limit: float) -> float:
+        z_next[3] = dy
+        return limit
+
+
+def test_a_law_that_fails_is_named_and_left_out() -> None:
+    dahl = Dahl(stiffness=2e5, coulomb_force=10.0)  # which elements do not explain
+    segments = [record_of(dahl, f, v / (2 * np.pi * f)) for f in (5.0, 10.0, 20.0) for v in (1e-3, 8e-3, 0.06)]
+    signals, observer = Signals(tuple(segments), {"u": "N", "y": "m"}), EffectiveInput(friction=Frictionless())
+    observer = observer.model_copy(update={"oversampling": 4})
+    choice = LawSelection(signals, observer, 3e-4, False).choose((Failing(limit=1.0), dahl), False)
+    assert choice.best.law.name == "dahl"
+    assert "the law failing_of_a_user is left out: " in choice.failed[0]
 
 
 @pytest.mark.thorough

@@ -1,4 +1,4 @@
-"""The exact stop operator, its sensitivity to the threshold, and the turning points of a motion."""
+"""The exact stop operator, and the turning points of a motion."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,14 +28,6 @@ def reversals(displacement: NDArray[np.float64]) -> list[int]:
     turns = np.flatnonzero(np.diff(np.sign(change[moving])))
     ends = moving[turns + 1].tolist()
     return [*ends, displacement.size - 1] if displacement.size > 1 else []
-
-
-def threshold_sensitivity(deflection: NDArray[np.float64], thresholds: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ∂z_i/∂Y_i, shape (n, N): the sign of the last slip, which an element remembers while it sticks."""
-    slipping = np.where(np.abs(deflection) >= thresholds, np.sign(deflection), 0.0)
-    rows = np.arange(len(deflection))[:, None]
-    last = np.maximum.accumulate(np.where(slipping != 0, rows, 0), axis=0)
-    return np.take_along_axis(slipping, last, axis=0)
 
 
 def turning_points(displacement: NDArray[np.float64], swing: float) -> NDArray[np.int64]:

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import FrictionModel, RecordError, Signals
+from fraexp.api import FraexpError, FrictionModel, RecordError, Signals
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification.autonomous._law_columns import LawColumns, elements_law, laws_of_fraexp, unit_law
 from fraexp_plugins.identification.autonomous._law_interval import (
@@ -48,7 +48,7 @@ NARROW_RANGES, NARROW_RATIO = (0.05, 0.2), 1.15
 them up to which they are left out."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LawFit:
     """A law that was fitted to records."""
 
@@ -90,6 +90,8 @@ class LawChoice:
     records: LineRecords
     residuals: dict[str, float]
     """Residual of each law that was tried."""
+    failed: tuple[str, ...]
+    """Which laws are left out, and why."""
 
     def doubt(self) -> str:
         """Return why no law is to be believed; empty if there is one."""
@@ -124,16 +126,21 @@ class LawSelection:
             )
         self._few = self._some = LineRecords.of(some_frequencies(signals, SEARCH_STEP), self._coarse, model_error)
         self._fits: list[LawFit] = []
-        self._doubts: dict[int, LawUncertainty] = {}
+        self._failed: list[str] = []
+        self._doubts: dict[LawFit, LawUncertainty] = {}
 
     def choose(self, laws: Sequence[FrictionModel], is_any: bool) -> LawChoice:
         """Return the best of a free set of elements and some laws, of those that fraexp has too if `is_any`."""
         profiles: dict[int, LawSearch] = {}
         for law, starts in self._families(laws, is_any):
             place = len(self._fits)
-            fit = self._searched(law, starts[0])
-            if fit.residual > GOOD and starts[1:]:
-                fit = min(fit, self._searched(law, starts[1]), key=lambda each: each.residual)
+            try:
+                fit = self._best_of(law, starts)
+            except FraexpError as error:
+                if not self._fits:
+                    raise
+                self._failed.append(f"the law {law.name} is left out: {error}")
+                continue
             is_hopeless = fit.residual > HOPELESS_RATIO * min((each.residual for each in self._fits), default=np.inf)
             self._fits.append(fit if is_hopeless else self._judged(fit, self._records))
             self._weigh_by(place)
@@ -161,12 +168,12 @@ class LawSelection:
             intervals.append(profile_interval(profiles[best], fits[best].dead_time, INTERVAL_STDS))
         interval = min(low for low, _ in intervals), max(high for _, high in intervals)
         tried = {fit.law.name: fit.residual for fit in fits}
-        return LawChoice(chosen, doubt.covariance, interval, self._records, tried)
+        return LawChoice(chosen, doubt.covariance, interval, self._records, tried, tuple(self._failed))
 
     def _uncertainty(self, fit: LawFit, is_any: bool) -> LawUncertainty:
-        if id(fit) not in self._doubts:
-            self._doubts[id(fit)] = law_uncertainty(fit.law, fit.dead_time, self._records, is_any)
-        return self._doubts[id(fit)]
+        if fit not in self._doubts:
+            self._doubts[fit] = law_uncertainty(fit.law, fit.dead_time, self._records, is_any)
+        return self._doubts[fit]
 
     @cached_property
     def _every(self) -> LineRecords:
@@ -200,6 +207,12 @@ class LawSelection:
             known = dict(zip(fit.law.units, np.exp(fit.law.shape)[:, None], strict=True))
             known |= {"m": 1 / known["N/m"]} if "N/m" in known else {}
             yield {unit: value for unit, value in known.items() if unit in ("m", "N/s", "N", "m/s")}
+
+    def _best_of(self, law: LawColumns, starts: Sequence[Sequence[NDArray[np.float64]]]) -> LawFit:
+        """Return the law to which a search leads, or a second one where the first leads to no good law."""
+        fit = self._searched(law, starts[0])
+        others = [self._searched(law, each) for each in starts[1:] if fit.residual > GOOD]
+        return min((fit, *others), key=lambda each: each.residual)
 
     def _searched(self, law: LawColumns, begins: Sequence[NDArray[np.float64]]) -> LawFit:
         """Return the law to which the best start leads, with a grid that is refined once."""
@@ -250,14 +263,8 @@ class LawSelection:
             weighted = replace(each, variance=self._records.variance, free_lines=self._records.free_lines)
             search = LawSearch(weighted, fit.law, self._is_delayed)
             values = search.minimised(search.values(fit.law, fit.dead_time))
-            fit = _best(
-                [
-                    fit,
-                    self._judged(
-                        replace(fit, law=search.law(values), dead_time=search.dead_time(values)), self._records
-                    ),
-                ]
-            )
+            shaped = replace(fit, law=search.law(values), dead_time=search.dead_time(values))
+            fit = _best([fit, self._judged(shaped, self._records)])
             if fit.is_good:
                 break
         return fit, LawSearch(weighted, fit.law, self._is_delayed)

@@ -202,7 +202,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=5):
     ) -> Result:
         """Return all that was found, with the verdict."""
         fitted = found.response(signals, (self.input, self.output))
-        before = fitted.findings
+        before = (*fitted.findings, *remarks(*found.choice.failed))
         fitted = plant.fit if plant else fitted
         report = LawReport(found, plant, self.input_dead_time)
         doubts, validation = list(remarks(remark, *report.doubts())), []

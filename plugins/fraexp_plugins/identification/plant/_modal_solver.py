@@ -256,7 +256,7 @@ class Solution:
     @cached_property
     def cost(self) -> float:
         """Weighted sum of squared errors Σ w|e|²."""
-        return weighted_cost(self.data, self.error)
+        return float(np.sum(self.data.weighted_parts(self.error) ** 2))
 
     @cached_property
     def jacobian(self) -> NDArray[np.float64]:
@@ -376,20 +376,15 @@ class Solution:
         return tuple(name for name, is_near in zip(names, near, strict=True) if is_near)
 
 
-def weighted_cost(data: LogResponse, error: NDArray[np.complex128]) -> float:
-    """Return the weighted sum of squared errors of a complex ln(G_m/Ĝ), shape (n,)."""
-    return float(np.sum(data.weighted_parts(error) ** 2))
-
-
 def solve(model: ModalModel, data: LogResponse, before: Solution | None = None) -> Solution:
     """Return the best fit from its own start values and from those of a fit with fewer modes."""
-    descent = descend(model, data, _search(model, data.search_points(SEARCH_BINS), before))
-    if not descent.converged:
+    p, has_converged = descend(model, data, _search(model, data.search_points(SEARCH_BINS), before))
+    if not has_converged:
         raise RecordError(
             f"modal_fit: the fit of {count_text(model.modes, 'mode')} does not converge in {MAX_EVALUATIONS} "
             "evaluations; use fewer modes, or another frequency range (min_frequency, max_frequency)"
         )
-    return Solution(model, data, model.sort_modes(descent.p))
+    return Solution(model, data, model.sort_modes(p))
 
 
 def _search(model: ModalModel, data: LogResponse, before: Solution | None) -> NDArray[np.float64]:
@@ -452,23 +447,15 @@ def _best(model: ModalModel, data: LogResponse, tried: list[NDArray[np.float64]]
             "of a channel, or choose a narrower frequency range"
         )
     costs = [Solution(model, data, p).cost for p in tried]
-    followed = [
-        descend(model, data, tried[i], TRIAL_EVALUATIONS).p for i in np.argsort(costs, kind="stable")[:MAX_TRIAL_STARTS]
-    ]
+    order = np.argsort(costs, kind="stable")[:MAX_TRIAL_STARTS]
+    followed = [descend(model, data, tried[i], TRIAL_EVALUATIONS)[0] for i in order]
     return min(followed, key=lambda p: Solution(model, data, p).cost)
-
-
-class Descent(NamedTuple):
-    """Where least squares lead."""
-
-    p: NDArray[np.float64]
-    converged: bool
 
 
 def descend(
     model: ModalModel, data: LogResponse, p: NDArray[np.float64], evaluations: int = MAX_EVALUATIONS
-) -> Descent:
-    """Return where least squares lead from p."""
+) -> tuple[NDArray[np.float64], bool]:
+    """Return where least squares lead from p, and whether they have converged."""
     from scipy.optimize import least_squares  # slow to import: only when something is estimated
 
     low, high = model.bounds()
@@ -477,7 +464,7 @@ def descend(
         jac=lambda p: data.weighted_parts(model.jacobian(p, data.s)), bounds=(low, high), x_scale="jac",
         ftol=COST_TOLERANCE, xtol=STEP_TOLERANCE, gtol=None, max_nfev=evaluations,
     )  # fmt: skip
-    return Descent(found.x, found.status > 0)
+    return found.x, bool(found.status > 0)
 
 
 NORMAL_QUANTILE = 1.959964
@@ -565,42 +552,27 @@ def information_criterion(solution: Solution, correlation_factor: float = 1.0) -
     return float(count * np.log(cost / data.count) + price)
 
 
-def nested_fits(model: ModalModel, data: LogResponse, max_order: int) -> Iterator[Solution]:
-    """Yield the fits of 0, 1… modes up to `max_order`, each started from the last."""
-    before = None
+def chosen_order(model: ModalModel, data: LogResponse, max_order: int) -> tuple[Solution | None, str]:
+    """Return the fit with the smallest information criterion among those whose modes the data support, None if none.
+
+    With it comes what the data do not support in fits with smaller ones, and why. Each fit starts from the last.
+    """
+    found: list[Solution] = []
     for modes in range(max_order + 1):
         try:
-            before = solve(replace(model, modes=modes), data, before)
+            found.append(solve(replace(model, modes=modes), data, found[-1] if found else None))
         except RecordError:  # the fit with one mode more may succeed
             continue
-        yield before
-
-
-@dataclass(frozen=True)
-class OrderChoice:
-    """The chosen number of modes."""
-
-    solution: Solution | None
-    """The fit, all of whose modes the data support; None if there is none."""
-    dropped: str
-    """What the data do not support in fits with smaller residuals, and why; empty if there is nothing."""
-
-
-def chosen_order(model: ModalModel, data: LogResponse, max_order: int) -> OrderChoice:
-    """Return the fit with the smallest information criterion among those whose modes the data support."""
-    found: list[Solution] = []
-    for solution in nested_fits(model, data, max_order):
-        found.append(solution)
-        if solution.model.modes >= min(found, key=information_criterion).model.modes + EXTRA_MODES:
+        if modes >= min(found, key=information_criterion).model.modes + EXTRA_MODES:
             break
     factor = min(found, key=information_criterion).correlation_factor if found else 1.0
     fewest: tuple[str, ...] = ()
     for solution in sorted(found, key=lambda one: information_criterion(one, factor)):
         unsupported = unsupported_parts(solution)
         if not unsupported:
-            return OrderChoice(solution, "; ".join(fewest))
+            return solution, "; ".join(fewest)
         fewest = unsupported if not fewest or len(unsupported) < len(fewest) else fewest
-    return OrderChoice(None, "; ".join(fewest))
+    return None, "; ".join(fewest)
 
 
 def fit_of_order(model: ModalModel, data: LogResponse) -> Solution:

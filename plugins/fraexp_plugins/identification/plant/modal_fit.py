@@ -34,7 +34,6 @@ from fraexp_plugins.identification.plant._modal_solver import (
     MIN_SPRING_STDS,
     NORMAL_QUANTILE,
     WHITENESS_PROBABILITY,
-    OrderChoice,
     Solution,
     chosen_order,
     count_text,
@@ -360,9 +359,16 @@ class ModalFit(Estimator, name="modal_fit", version=6):
             advice = f"use {'fewer' if self.modes else 'more'} modes or another frequency range"
             remark = f"the data do not support {unsupported}: {advice}" if unsupported else ""
         else:
-            choice = chosen_order(model, data, min(possible, self.max_modes))
-            solution = self._chosen_solution(choice)
-            remark = f"dropped, because the data do not support it: {choice.dropped}" if choice.dropped else ""
+            chosen, dropped = chosen_order(model, data, min(possible, self.max_modes))
+            if chosen is None:
+                raise RecordError(
+                    "modal_fit: the response does not support a fit, whatever its number of modes"
+                    + (f": {dropped}" if dropped else "")
+                    + "; expected a response of position over force: choose a frequency range (min_frequency, "
+                    "max_frequency) that is free of friction and noise, or a method that compensates friction"
+                    f"{self._ground_advice}"
+                )
+            solution, remark = chosen, f"dropped, because the data do not support it: {dropped}" if dropped else ""
         if solution.unidentifiable:
             raise RecordError(
                 f"modal_fit: not identifiable from this response: {', '.join(solution.unidentifiable)}; use fewer "
@@ -380,18 +386,6 @@ class ModalFit(Estimator, name="modal_fit", version=6):
     @property
     def _ground_advice(self) -> str:
         return "" if self.fit_ground else ", or fit_ground if a spring or viscous friction holds the mass"
-
-    def _chosen_solution(self, choice: OrderChoice) -> Solution:
-        """Return the chosen fit; RecordError if there is none."""
-        if choice.solution is None:
-            raise RecordError(
-                "modal_fit: the response does not support a fit, whatever its number of modes"
-                + (f": {choice.dropped}" if choice.dropped else "")
-                + "; expected a response of position over force: choose a frequency range (min_frequency, "
-                f"max_frequency) that is free of friction and noise, or a method that compensates friction"
-                f"{self._ground_advice}"
-            )
-        return choice.solution
 
     def _fit(self, solution: Solution, unit: str) -> Fit:
         """Return the plant with the covariance of its parameters; that of a fixed dead time is 0."""
