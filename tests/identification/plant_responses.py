@@ -1,12 +1,17 @@
 """Responses of eq (1) with noise, and what is asked of the fits to them."""
 
+import tomllib
+
 import numpy as np
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 
+from fraexp.study.study_file import packaged_studies
 from tests.responses import frequency_response
 
+MACHINE = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table.toml").read_text(encoding="utf-8"))
+SCALE = {"resolution": 0.1e-6, "noise": 30e-9}
 TWO = Modal(
     rigid_body_gain=0.132, frequencies=(38.8, 81.2), damping_ratios=(0.03, 0.012), modal_gain_ratios=(0.342, 0.3)
 )

@@ -1,6 +1,5 @@
 """Plant and friction whatever the law is: accuracy on simulated machines, intervals, and what is refused."""
 
-import tomllib
 from dataclasses import replace
 from typing import Any
 
@@ -14,17 +13,10 @@ from fraexp_plugins.identification.autonomous.plant_and_friction import PlantAnd
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 
-from fraexp.components.kinds import Controller, Excitation, FrictionModel, Plant
-from fraexp.components.registry import create
 from fraexp.data.results import Outcome
-from fraexp.data.signals import Signals
-from fraexp.simulation.loop import simulate_loop
-from fraexp.simulation.machine import ControlLoop, Machine, Numerics
-from fraexp.study.study_file import packaged_studies
-from tests.identification.plant_responses import measured
+from tests.identification.plant_responses import MACHINE, SCALE, measured
 
-MACHINE = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table.toml").read_text(encoding="utf-8"))
-ESTIMATOR = PlantAndFriction(law="any", estimate_dead_time=True, resolution=1e-7, noise=30e-9, validation=1)
+ESTIMATOR = PlantAndFriction(law="any", estimate_dead_time=True, validation=1, **SCALE)
 FORCE, VISCOUS = 17.9, 4.69
 LUGRE = {
     "name": "lugre", "bristle_stiffness": 0.4e6, "bristle_damping": 100.0, "viscous_coefficient": VISCOUS,
@@ -38,26 +30,10 @@ WEAKENING = {
 """Friction that falls by 6 % in sliding, at velocities that few records reach, and with a lag of 77 ms."""
 
 
-@pytest.fixture(scope="module")
-def recorded(registry: Any) -> Any:
-    """Return what records the paper's machine with a friction law at amplitudes [N], and a multisine after them."""
-
-    def record(friction: dict[str, Any], amplitudes: tuple[float, ...]) -> Signals:
-        machine = Machine(
-            create(registry, Plant, MACHINE["plant"]),
-            create(registry, FrictionModel, friction),
-            create(registry, Controller, MACHINE["controller"]),
-            ControlLoop.parse({**MACHINE["loop"], "noise": 30e-9}, "loop"),
-            Numerics(),
-        )
-        sine = {"name": "stepped_sine", "points": 16, "recorded_periods": 2, "min_record_time": 0.3, "ramp": 0.5}
-        fresh = {"name": "multisine", "rms": 2 * FORCE, "line_spacing": 1.0, "max_frequency": 100, "points": 12,
-                 "detection_group_size": 0}  # fmt: skip
-        parts = [{**sine, "amplitude": amplitude} for amplitude in amplitudes]
-        excitation = {"name": "concatenated", "parts": [*parts, fresh]}
-        return simulate_loop(machine, create(registry, Excitation, excitation), lambda _: None)
-
-    return record
+SINE = {"name": "stepped_sine", "points": 16, "recorded_periods": 2, "min_record_time": 0.3, "ramp": 0.5}
+FRESH = {"name": "multisine", "rms": 2 * FORCE, "line_spacing": 1.0, "max_frequency": 100, "points": 12,
+         "detection_group_size": 0}  # fmt: skip
+LEVELS = {"name": "concatenated", "parts": [*({**SINE, "amplitude": r * FORCE} for r in (0.9, 1.4, 2.5, 6.0)), FRESH]}
 
 
 def test_a_sum_that_others_may_replace_has_a_wide_interval() -> None:
@@ -88,7 +64,7 @@ def test_friction_that_falls_with_velocity_is_noticed_in_the_plant(viscous: floa
 @pytest.mark.thorough
 @pytest.mark.parametrize("friction", [MACHINE["friction"], LUGRE], ids=lambda each: each["name"])
 def test_plant_and_force_are_found_whatever_the_law(friction: dict[str, Any], recorded: Any) -> None:
-    signals = recorded(friction, (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
+    signals = recorded(LEVELS, friction)
     result = ESTIMATOR.estimate(signals)
     metrics = {metric.name: metric.value for metric in result.metrics}
     assert metrics["verdict"] == 1, result.message
@@ -107,7 +83,7 @@ def test_plant_and_force_are_found_whatever_the_law(friction: dict[str, Any], re
 
 @pytest.mark.thorough
 def test_a_wrong_channel_has_no_good_verdict(recorded: Any) -> None:
-    signals = recorded(MACHINE["friction"], (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
+    signals = recorded(LEVELS)
     gains = np.linspace(0.7, 1.3, len(signals.segments))  # a drive that applies another force than it reports
     order = np.random.default_rng(1).permutation(gains.size)
     segments = tuple(
@@ -121,7 +97,7 @@ def test_a_wrong_channel_has_no_good_verdict(recorded: Any) -> None:
 
 @pytest.mark.thorough
 def test_friction_that_hides_its_weakening_has_no_false_verdict(recorded: Any) -> None:
-    signals = recorded({**WEAKENING, "stribeck_velocity": 0.1}, (0.9 * FORCE, 1.4 * FORCE, 2.5 * FORCE, 6 * FORCE))
+    signals = recorded(LEVELS, {**WEAKENING, "stribeck_velocity": 0.1})
     result = ESTIMATOR.estimate(signals)
     metrics = {metric.name: metric.value for metric in result.metrics}
     error = abs(metrics["Coulomb force"] - FORCE)

@@ -1,6 +1,5 @@
 """Plant and friction model from records alone: accuracy, bands, what records cannot tell, and what is refused."""
 
-import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -8,46 +7,18 @@ import pytest
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification.autonomous.plant_and_friction import PlantAndFriction
 
-from fraexp.components.kinds import Controller, Excitation, FrictionModel, Plant
+from fraexp.components.kinds import FrictionModel, Plant
 from fraexp.components.registry import create
 from fraexp.data.findings import remarks
 from fraexp.data.results import Outcome
 from fraexp.data.signals import Settling
 from fraexp.errors import RecordError
-from fraexp.simulation.loop import simulate_loop
-from fraexp.simulation.machine import ControlLoop, Machine, Numerics
-from fraexp.study.study_file import packaged_studies
 from tests.examples import thorough
+from tests.identification.plant_responses import MACHINE, SCALE
 
-MACHINE = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table.toml").read_text(encoding="utf-8"))
-SCALE = {"resolution": 0.1e-6, "noise": 30e-9}
 PATH = {"input_dead_time": 1e-3}
 FORCE_NOISE = 0.05
 """Standard deviation [N] of the noise in the recorded thrust: what the drive does differs from what it says."""
-
-
-@pytest.fixture(scope="module")
-def recorded(registry):
-    """Return what records the paper's machine."""
-
-    def record(excitation, friction=None, force_noise=0.0, **loop):
-        machine = Machine(
-            create(registry, Plant, MACHINE["plant"]),
-            create(registry, FrictionModel, friction or MACHINE["friction"]),
-            create(registry, Controller, MACHINE["controller"]),
-            ControlLoop.parse({**MACHINE["loop"], **SCALE, **loop}, "loop"),
-            Numerics(),
-        )
-        signals = simulate_loop(machine, create(registry, Excitation, excitation), lambda _: None)
-        generator = np.random.default_rng(0)
-        segments = []
-        for segment in signals.segments:
-            u = segment.channels["u"]
-            noisy = u + force_noise * generator.standard_normal(u.shape)
-            segments.append(replace(segment, channels={**segment.channels, "u": noisy}))
-        return replace(signals, segments=tuple(segments))
-
-    return record
 
 
 def stepped(*amplitudes, points=60, **more):

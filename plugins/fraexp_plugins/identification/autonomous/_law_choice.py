@@ -133,16 +133,15 @@ class LawSelection:
         """Return the best of a free set of elements and some laws, of those that fraexp has too if `is_any`."""
         profiles: dict[int, LawSearch] = {}
         for law, starts in self._families(laws, is_any):
-            place = len(self._fits)
+            place, most = len(self._fits), HOPELESS_RATIO * min((each.residual for each in self._fits), default=np.inf)
             try:
-                fit = self._best_of(law, starts)
+                fit = self._best_of(law, starts, most)
             except FraexpError as error:
                 if not self._fits:
                     raise
                 self._failed.append(f"the law {law.name} is left out: {error}")
                 continue
-            is_hopeless = fit.residual > HOPELESS_RATIO * min((each.residual for each in self._fits), default=np.inf)
-            self._fits.append(fit if is_hopeless else self._judged(fit, self._records))
+            self._fits.append(fit if fit.residual > most else self._judged(fit, self._records))
             self._weigh_by(place)
             if self._fits[place].explains and law.units and not law.is_linear:
                 self._fits[place], profiles[place] = self._shaped(self._fits[place])
@@ -208,10 +207,10 @@ class LawSelection:
             known |= {"m": 1 / known["N/m"]} if "N/m" in known else {}
             yield {unit: value for unit, value in known.items() if unit in ("m", "N/s", "N", "m/s")}
 
-    def _best_of(self, law: LawColumns, starts: Sequence[Sequence[NDArray[np.float64]]]) -> LawFit:
-        """Return the law to which a search leads, or a second one where the first leads to no good law."""
+    def _best_of(self, law: LawColumns, starts: Sequence[Sequence[NDArray[np.float64]]], most: float) -> LawFit:
+        """Return the law to which a search leads, or a second one if the first leads to no good law with some hope."""
         fit = self._searched(law, starts[0])
-        others = [self._searched(law, each) for each in starts[1:] if fit.residual > GOOD]
+        others = [self._searched(law, each) for each in starts[1:] if GOOD < fit.residual <= most]
         return min((fit, *others), key=lambda each: each.residual)
 
     def _searched(self, law: LawColumns, begins: Sequence[NDArray[np.float64]]) -> LawFit:
