@@ -115,22 +115,17 @@ def test_the_mass_at_one_speed_is_as_uncertain_as_the_reversals():
     assert "not held between" not in result.message
 
 
-def coulomb_machine(acceleration, amplitude, velocities):
+def test_coulomb_friction_mass_viscous_friction_and_offset_come_from_one_record_of_brisk_motion():
     """A mass of 1.7 kg on Coulomb friction of 5 N, with a scale of 1 µm and a thrust that is off by 2 N."""
     rigid, pid = Modal(rigid_body_gain=1 / 1.7), Pid(proportional=6e3, derivative_time=0.04, filter_time=0.004)
     excitation = SlowTriangle(
-        amplitude=amplitude, velocities=velocities, acceleration=acceleration, inner_amplitude_ratios=(0.3,), cycles=4
+        amplitude=30e-3, velocities=(0.1, 0.3), acceleration=10.0, inner_amplitude_ratios=(0.3,), cycles=4
     )
     friction = Coulomb(coulomb_force=5.0, viscous_coefficient=20.0)
     loop = {"sample_time": 1e-3, "resolution": 1e-6, "noise": 1e-7, "input_dead_time": 0.0}
-    signals = recorded(excitation, friction, rigid, pid, **loop)
-    segment = signals.segments[0]
+    (segment,) = measured(recorded(excitation, friction, rigid, pid, **loop), 1).segments
     channels = {"u": segment.channels["u"] + 2.0, "y": segment.channels["y"]}
-    return Signals((Segment(segment.sample_time, channels, segment.lines),), {"u": "N", "y": "m"})
-
-
-def test_coulomb_friction_mass_viscous_friction_and_offset_come_from_one_record_of_brisk_motion():
-    signals = coulomb_machine(10.0, 30e-3, (0.1, 0.3))
+    signals = Signals((Segment(segment.sample_time, channels, segment.lines),), {"u": "N", "y": "m"})
     found = values(FrictionIdentification(thrust="u", displacement="y", max_frequency=20.0).estimate(signals))
     assert found["Coulomb force"] == pytest.approx(5.0, rel=0.01)
     assert found["mass"] == pytest.approx(1.7, rel=0.02)

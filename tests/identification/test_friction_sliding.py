@@ -146,14 +146,7 @@ def test_a_disturbed_start_is_left_out(noise: float) -> None:
 
 def test_a_jump_of_the_reference_at_the_start_does_no_harm() -> None:
     """A record of which the first samples differ by kilonewtons."""
-    time = np.arange(20000) / RATE
-    y = 0.03 * np.sin(np.pi * time) + 2e-3 * np.sin(4.6 * np.pi * time) - 0.01 * np.exp(-50 * time) * np.cos(50 * time)
-    velocity = np.gradient(y, time)
-    u = MASS * np.gradient(velocity, time) + 8 * np.sign(velocity) + 25 * velocity + 1.3
-    u[:3] += 3000.0, -1500.0, 800.0
-    channels = {"u": u[None], "y": y[None]}
-    segment = Segment(1 / RATE, channels, np.array([1]), Settling(True, 0.0, 0.0), periodic=False)
-    found = values(sliding().estimate(Signals((segment,), {"u": "N", "y": "m"})))
+    found = values(sliding().estimate(disturbed(3000.0, 1e-3)))
     for name, value in TRUTH.items():
         assert found[name] == pytest.approx(value, rel=0.015), name
 

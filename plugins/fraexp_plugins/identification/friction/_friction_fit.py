@@ -16,6 +16,7 @@ from fraexp_plugins.identification._shared.law_numbers import LawNumbers
 from fraexp_plugins.identification.friction._friction_rows import TERM_UNITS, FrictionProblem, FrictionRecord, Rows
 from fraexp_plugins.identification.friction._regression import (
     CompressedRows,
+    Regression,
     Waves,
     long_run_variance,
     misfit_variance,
@@ -209,19 +210,6 @@ def _force_along(part: LawNumbers, shape: NDArray[np.float64], record: FrictionR
         return np.zeros(record.displacement.size)
 
 
-class StrokeForce(NamedTuple):
-    """A force along the stroke that is fitted beside terms and law."""
-
-    change: NDArray[np.float64]
-    """Change of shape and coefficients by it, shape (q + p,)."""
-    inverse: NDArray[np.float64]
-    """Their covariance over the variance of a row, shape (q + p, q + p)."""
-    forces: list[NDArray[np.float64]]
-    """The force in the rows of each record [N]."""
-    waves: float
-    """Number of waves that the rows determine."""
-
-
 @dataclass(frozen=True)
 class FrictionFit:
     """A law's forces of one shape beside the terms of a problem, with the sizes of least squared error."""
@@ -229,7 +217,8 @@ class FrictionFit:
     problem: FrictionProblem
     forces: Forces
     shape: NDArray[np.float64]
-    stroke: StrokeForce | None = None
+    stroke: Regression | None = None
+    """The change of shape and coefficients by a force along the stroke, and that force."""
 
     @cached_property
     def rows(self) -> list[Rows]:
@@ -251,7 +240,7 @@ class FrictionFit:
     def point(self) -> NDArray[np.float64]:
         """Shape and coefficients, with a force along the stroke if there is one, shape (q + p,)."""
         plain = np.concatenate([self.shape, self.coefficients])
-        return plain if self.stroke is None else plain + self.stroke.change
+        return plain if self.stroke is None else plain + self.stroke.values
 
     @cached_property
     def residuals(self) -> list[NDArray[np.float64]]:
@@ -259,8 +248,15 @@ class FrictionFit:
         found = [each.force - each.columns @ self.coefficients for each in self.rows]
         if self.stroke is None:
             return found
-        triples = zip(found, self.slopes, self.stroke.forces, strict=True)
-        return [residual - slope @ self.stroke.change - force for residual, slope, force in triples]
+        triples = zip(found, self.slopes, self.stroke_forces, strict=True)
+        return [residual - slope @ self.stroke.values - force for residual, slope, force in triples]
+
+    @property
+    def stroke_forces(self) -> list[NDArray[np.float64]]:
+        """The force along the stroke in the rows of each record [N]; 0 if none is fitted."""
+        sizes = [rows.force.size for rows in self.rows]
+        every = np.zeros(sum(sizes)) if self.stroke is None else self.stroke.force
+        return np.split(every, np.cumsum(sizes)[:-1])
 
     @property
     def fitted_residuals(self) -> NDArray[np.float64]:
@@ -385,7 +381,7 @@ class FrictionFit:
         jacobian = np.concatenate(self.problem.fitted(self.slopes))
         if self.stroke is not None:
             plain = np.diag(_inverse(jacobian))
-            yield self.stroke.change * np.clip(1 - plain / np.diag(self.stroke.inverse), 0.0, 1.0)
+            yield self.stroke.values * np.clip(1 - plain / np.diag(self.stroke.inverse), 0.0, 1.0)
         if self.problem.lead_doubt and not self.has_model_error:
             yield self.inverse @ (jacobian.T @ self.problem.thrust_doubt)
 
@@ -415,8 +411,7 @@ class FrictionFit:
         ]
         residual, per_noise = np.concatenate(self.residuals), self.problem.rows_per_noise
         found = regress(np.concatenate(self.slopes), np.concatenate(columns), residual, 1 / per_noise)
-        forces = np.split(found.force, np.cumsum([each.size for each in self.residuals])[:-1])
-        beside = replace(self, stroke=StrokeForce(found.values, found.inverse, forces, found.waves))
+        beside = replace(self, stroke=found)
         return beside if beside.error < MAX_REMAINING_RATIO * self.error else self
 
 

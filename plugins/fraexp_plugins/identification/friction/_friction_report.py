@@ -58,7 +58,7 @@ def _findings(fit: FrictionFit) -> Iterator[Finding | str]:
             "a force along the stroke, such as cogging or the ripple of a screw, is fitted too; the offset contains "
             "its mean"
         )
-        size = float(np.std(np.concatenate(fit.stroke.forces)))
+        size = float(np.std(fit.stroke.force))
         yield Finding("remark", (Quantity(size, "N", "rms"),), text=text)
     if fit.has_model_error:
         yield _model_error(fit)
@@ -124,7 +124,7 @@ def _metrics(fit: FrictionFit) -> Iterator[Metric]:
         bound = np.sqrt(np.diag(fit.inverse)[fit.shape.size + fit.problem.terms.index("viscous")] * fit.white_variance)
         yield Metric(f"{TITLES['viscous']}, 95 %, Cramér-Rao bound", fit.quantile * float(bound), TERM_UNITS["viscous"])
     if fit.stroke is not None:
-        yield Metric("force along the stroke, rms", float(np.std(np.concatenate(fit.stroke.forces))), "N")
+        yield Metric("force along the stroke, rms", float(np.std(fit.stroke.force)), "N")
     yield Metric("rms error, fitted cycles", fit.error, "N")
     if np.isfinite(fit.held_out_error):
         yield Metric("rms error, held-out cycles", fit.held_out_error, "N")
@@ -151,7 +151,7 @@ def _curves(fit: FrictionFit) -> Iterator[Curve]:
             for rows, r in zip(fit.rows, fit.residuals, strict=True)
         ]
         velocity, force, residual = (np.concatenate(each) for each in zip(*triples, strict=True))
-        along = 0.0 if fit.stroke is None else np.concatenate(fit.stroke.forces)
+        along = np.concatenate(fit.stroke_forces)
         yield force_over_velocity(velocity, force - along, force - along - residual)
         return
     if isinstance(fit.model, ElementModel):

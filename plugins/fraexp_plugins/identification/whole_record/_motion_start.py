@@ -353,8 +353,8 @@ FRICTION_DIFFERENCE, PLANT_DIFFERENCE = 1e-3, 1e-5
 """Differences of the logarithms of friction's and the plant's parameters for derivatives."""
 START_LOG_STD = 1.0
 """Standard deviation of the logarithms of friction's parameters around the start."""
-MAX_ITERATIONS, MAX_STARTS, MAX_ROUNDS = 15, 2, 4
-"""Maximum numbers of steps of a search, of starts, and of plants that are looked for from each."""
+MAX_ITERATIONS, MAX_STARTS, MAX_ROUNDS, MORE_MODES = 15, 2, 4, 3
+"""Maximum numbers of steps of a search, of starts, of rounds from each, and of modes that a round adds."""
 COST_TOLERANCE = 1e-7
 """Relative change of the cost at which a search ends."""
 FRICTION_ERRORS = (0.01, 0.001)
@@ -530,6 +530,8 @@ def _fit_from(problem: MachineProblem, records: MotionRecords, start: NDArray[np
             search = _Search(records, FreeParameters(problem.free.friction, names), models, start)
             place = search.minimum(np.concatenate([with_delay, np.zeros(len(names))]))
             found.append(MotionFit(plant, place, float(np.mean(search.residual(place) ** 2))))
+            if found[-1].residual < EXPLAINED:
+                return found[-1]
         better = min(found, key=lambda each: each.residual, default=best)
         if better is None or (best is not None and better.residual > SUFFICIENT_RATIO * best.residual):
             break
@@ -543,7 +545,7 @@ def _plants(
 ) -> Iterator[tuple[NDArray[np.float64], Plant]]:
     """Yield friction's parameters, with the dead time if it is free, and plants in the observer's response.
 
-    They have as many modes as it shows, and one more than before.
+    They have as many modes as it shows, and up to MORE_MODES more than before: a friction that is wrong hides modes.
     """
     if problem.nominal_plant is not None:
         yield from [(logs, problem.nominal_plant)] if best is None else []
@@ -553,7 +555,8 @@ def _plants(
     before = len(best.plant.frequencies) if best is not None and isinstance(best.plant, Modal) else 0
     error = FRICTION_ERRORS[best is not None]
     known: list[Plant] = []
-    for modes in (problem.modes,) if problem.modes is not None else (None, before + 1):
+    more = range(before + 1, before + 1 + MORE_MODES)
+    for modes in (problem.modes,) if problem.modes is not None else (None, *more):
         plant, delay = observed.plant(problem.signals, observer, modes, error, DEAD_TIME in problem.free.friction)
         if plant not in known and len(plant.frequencies) >= before:
             known.append(plant)
