@@ -357,7 +357,7 @@ def _propose_period(
             "--estimator",
             "friction_identification",
             "--set",
-            "estimator.laws=['coulomb']",
+            'estimator.laws=["coulomb"]',
         ]
         proposal.findings.append(f"'{chosen.name}' does not repeat itself")
         return

@@ -54,7 +54,7 @@ def test_what_the_model_does_not_know_is_told(folder: Path) -> None:
         "--estimator",
         "friction_identification",
         "--set",
-        "estimator.laws=['coulomb']",
+        'estimator.laws=["coulomb"]',
     ]
     assert main([*command, *more]) == ExitCode.INCOMPLETE  # the thrust has the wrong sign
 
