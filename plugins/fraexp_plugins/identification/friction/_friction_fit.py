@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fraexp.api import Finding, FrictionModel, Motion, ParameterError, Quantity, RecordError
 from fraexp_plugins.friction._shared.element_model import ElementModel
 from fraexp_plugins.friction.rolling import Rolling
+from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification._shared.law_numbers import LawNumbers
 from fraexp_plugins.identification.friction._friction_rows import TERM_UNITS, FrictionProblem, FrictionRecord, Rows
 from fraexp_plugins.identification.friction._regression import (
@@ -372,7 +373,9 @@ class FrictionFit:
         names = [each.name for each in self.numbers]
         if "mass" in names and self.problem.speed is not None:  # friction jumps at an unknown time while it stands
             place = names.index("mass")
-            found[place, place] += (self.coulomb_force * self.problem.standstill_time / self.problem.speed / 1.96) ** 2
+            found[place, place] += (
+                self.coulomb_force * self.problem.standstill_time / self.problem.speed / NORMAL_QUANTILE
+            ) ** 2
         return found
 
     @property
