@@ -34,8 +34,6 @@ FINER = 8
 """Factor by which the motion that the observer took is interpolated more finely."""
 POINTS_MULTIPLE = 16
 """Numbers of points of which a Fourier transform is fast are multiples of it."""
-
-
 ROUNDS = 2
 """Times that the friction force is found: along the clear terms, and along what it makes likely."""
 
