@@ -8,19 +8,17 @@ import pytest
 from fraexp_plugins.identification._shared.usable_records import check_segments
 
 from fraexp.analysis.confidence import circle_factor
-from fraexp.components.kinds import Controller, Estimator, Excitation, FrictionModel, Plant
+from fraexp.components.kinds import Estimator, Plant
 from fraexp.components.registry import create, discover
 from fraexp.data.results import Outcome
 from fraexp.errors import ParameterError, RecordError
-from fraexp.simulation.loop import simulate_loop
-from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from fraexp.study.study_file import packaged_studies
 from tests.examples import thorough
+from tests.identification.plant_responses import MACHINE, SCALE
 from tests.machines import decibel, degrees
 
-MACHINE = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table.toml").read_text(encoding="utf-8"))
-RESOLUTION = 0.1e-6
 FREQUENCIES = [1.5, 2, 3, 4, 6, 8, 12, 16, 22, 30, 38, 45, 60, 80, 100, 150]
+SINE = {"name": "stepped_sine", "amplitude": 12.0, "frequencies": FREQUENCIES}
 LUGRE = {
     "name": "lugre", "bristle_stiffness": 1.5e5, "bristle_damping": 50.0, "coulomb_force": 17.9, "static_force": 21.0,
     "stribeck_velocity": 5e-3, "viscous_coefficient": 10.0,
@@ -28,32 +26,14 @@ LUGRE = {
 
 
 @pytest.fixture(scope="module")
-def recorded(registry):
-    """Return what records the paper's machine."""
-
-    def record(friction=None, excitation=None, **loop):
-        machine = Machine(
-            create(registry, Plant, MACHINE["plant"]),
-            create(registry, FrictionModel, friction or MACHINE["friction"]),
-            create(registry, Controller, MACHINE["controller"]),
-            ControlLoop.parse({**MACHINE["loop"], "resolution": RESOLUTION, **loop}, "loop"),
-            Numerics(),
-        )
-        sine = {"name": "stepped_sine", "amplitude": 12.0, "frequencies": FREQUENCIES}
-        return simulate_loop(machine, create(registry, Excitation, excitation or sine), lambda _: None)
-
-    return record
-
-
-@pytest.fixture(scope="module")
 def record(recorded):
     """One period of each frequency at 12 N."""
-    return recorded()
+    return recorded(SINE, noise=0.0)
 
 
 def estimator(friction=None, **given):
     delays = {"input_dead_time": MACHINE["loop"]["input_dead_time"]}
-    parameters = {"friction": friction or MACHINE["friction"], "resolution": RESOLUTION, "noise": 0.0, **delays}
+    parameters = {"friction": friction or MACHINE["friction"], **SCALE, "noise": 0.0, **delays}
     return create(discover(), Estimator, {"name": "maximum_likelihood", **parameters, **given})
 
 
@@ -106,7 +86,8 @@ def test_intervals_hold_where_the_coulomb_force_is_extrapolated(recorded):
     At 38 mm/s of 20 the records' starts were not those of a replay: the static force was 4 half-widths off.
     """
     slow = {**LUGRE, "stribeck_velocity": 0.032}
-    signals = recorded(slow, {"name": "stepped_sine", "amplitude": 12.0, "points": 16, "min_frequency": 2.0})
+    sine = {"name": "stepped_sine", "amplitude": 12.0, "points": 16, "min_frequency": 2.0}
+    signals = recorded(sine, slow, noise=0.0)
     free = ["force_scale", "displacement_scale", "static_force", "bristle_damping", "stribeck_velocity"]
     result = estimator(slow, free=[*free, "viscous_coefficient"]).estimate(signals)
     (fit,) = (each for each in result.fits if each.kind == "friction")
@@ -122,8 +103,7 @@ def test_intervals_hold_where_the_coulomb_force_is_extrapolated(recorded):
 
 @pytest.mark.thorough
 def test_noise_is_taken_from_the_periods_and_the_band_holds_the_plant(recorded, registry):
-    sine = {"name": "stepped_sine", "amplitude": 12.0, "frequencies": FREQUENCIES, "recorded_periods": 4}
-    result = estimator(scaled(0.9, 1.1), noise=None).estimate(recorded(excitation=sine, noise=30e-9))
+    result = estimator(scaled(0.9, 1.1), noise=None).estimate(recorded({**SINE, "recorded_periods": 4}))
     assert result.outcome is Outcome.OK, result.message
     response, plant = result.response, plant_at(registry, result)
     radius = circle_factor(np.inf) * response.standard_deviation + response.numerical_error * np.abs(plant)
@@ -133,7 +113,7 @@ def test_noise_is_taken_from_the_periods_and_the_band_holds_the_plant(recorded, 
 
 @pytest.mark.thorough
 def test_a_parameter_that_the_records_do_not_tell_is_held_and_named(recorded):
-    result = estimator({"name": "none"}).estimate(recorded({"name": "none"}))
+    result = estimator({"name": "none"}).estimate(recorded(SINE, {"name": "none"}, noise=0.0))
     assert ("not identifiable", "force_scale and displacement_scale") in {(of.kind, of.place) for of in result.findings}
     assert "force_scale" not in metrics(result)
 
@@ -154,9 +134,8 @@ def test_an_unknown_dead_time_is_found(record, registry, assumed):
 @pytest.mark.thorough
 @pytest.mark.parametrize(("noise", "periods"), [(30e-9, 1), (100e-9, 4)])
 def test_unknown_noise_is_found(recorded, noise, periods):
-    sine = {"name": "stepped_sine", "amplitude": 12.0, "frequencies": FREQUENCIES, "recorded_periods": periods}
     names = ("force_scale", "displacement_scale", "noise")
-    result = estimator(noise=None, free=names).estimate(recorded(excitation=sine, noise=noise))
+    result = estimator(noise=None, free=names).estimate(recorded({**SINE, "recorded_periods": periods}, noise=noise))
     assert result.outcome is Outcome.OK, result.message
     found = metrics(result)
     assert abs(found["noise"] - noise) < 2 * found["noise, 95 %"] < 0.06 * noise
@@ -206,7 +185,7 @@ def test_records_that_a_replay_cannot_follow_are_refused(record):
 def test_the_intervals_of_the_scales_hold_them_and_contain_the_error_of_the_steps(recorded):
     held = []
     for seed in range(8):
-        signals = recorded(noise=1e-7, seed=seed)
+        signals = recorded(SINE, noise=1e-7, seed=seed)
         found = estimator(noise=1e-7).fit(signals).found
         known = metrics(estimator(noise=1e-7).estimate(signals))
         for place, name in enumerate(("force_scale", "displacement_scale")):
