@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.data.frequency_text import frequency_text
 from fraexp.data.units import with_powers
 
 REMARK = "remark"
@@ -214,9 +215,7 @@ class Finding:
     def _frequency_words(self) -> str:
         if not self.frequencies:
             return ""
-        count = len(self.frequencies)
-        low, high = f"{min(self.frequencies):.4g}", f"{max(self.frequencies):.4g}"
-        span = f"{low} Hz" if low == high else f"{low} to {high} Hz"
+        count, span = len(self.frequencies), frequency_text(self.frequencies)
         return f" at {count} of {self.examined} frequencies ({span})" if self.examined else f" at {span}"
 
     def plain(self) -> dict[str, Any]:

@@ -105,7 +105,8 @@ class MeasurementService:
         self._check_target()
         for task in self.tasks:
             if task.settings is None:
-                raise StudyError(f"{task.study}: lacks the section [measurement], which names the machine")
+                missing = StudyError(f"{task.study}: lacks the section [measurement], which names the machine")
+                raise missing.at("", "measurement")
 
     def record_study(self, record: Path, table: ExcitationTable, force: bool) -> tuple[Path, dict[str, Any]]:
         """Return the study that analyses the record of an excitation that is written to a file, and its own file.

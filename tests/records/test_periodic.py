@@ -46,16 +46,6 @@ def test_a_phasor_is_the_amplitude_and_phase_of_its_line() -> None:
     assert spectrum.input_variance == pytest.approx([0.0], abs=1e-28)
 
 
-def test_a_record_without_noise_gives_the_delay_that_made_it(
-    tmp_path: Path, signals_of: Callable[..., Signals], bench: Any
-) -> None:
-    bench.write(tmp_path / "bench.csv", bench.rows(3))
-    spectrum = periodic_spectrum(signals_of().segments[0], "u", "y")
-    # 0.5 mm/A with the sign turned; rounding of 600 samples
-    expected = bench.response(spectrum.frequency)
-    np.testing.assert_allclose(spectrum.output / spectrum.input, expected, rtol=1e-12)
-
-
 def test_the_published_standard_deviation_is_the_scatter_of_the_response(
     tmp_path: Path, signals_of: Callable[..., Signals], bench: Any
 ) -> None:

@@ -78,14 +78,6 @@ def test_a_stated_line_may_be_weak_if_it_is_more_than_noise(tmp_path: Path, sign
     assert signals_of(harmonics=[1, 2]).segments[0].lines.tolist() == [1, 2]
 
 
-def test_excited_lines_are_found_and_can_be_stated(tmp_path: Path, signals_of: Read, bench: Any) -> None:
-    bench.write(tmp_path / "bench.csv", bench.rows(4))
-    assert tuple(signals_of().segments[0].lines) == bench.lines
-    assert tuple(signals_of(min_frequency=10, max_frequency=200, harmonic_step=2).segments[0].lines) == bench.lines
-    assert signals_of(min_frequency=50).segments[0].frequency[0] == 50
-    assert tuple(signals_of(harmonics=[2, 6]).segments[0].lines) == (2, 6)
-
-
 def test_skipped_periods_and_time_are_left_out(tmp_path: Path, signals_of: Read, bench: Any) -> None:
     rows = bench.rows(5)
     bench.write(tmp_path / "bench.csv", rows)
