@@ -230,7 +230,8 @@ def with_standstill(
     if response is None:
         return found
     error = np.where(np.isfinite(error), error, 0.0)
-    unseen = (np.abs(error / response.response) ** 2 / 2)[:, None, None] * np.eye(2)
+    with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
+        unseen = (np.abs(error / response.response) ** 2 / 2)[:, None, None] * np.eye(2)
     model = unseen if response.model_covariance is None else response.model_covariance + unseen
     alone = replace(response, covariance=np.zeros_like(response.covariance), model_covariance=unseen)
     whole = replace(response, model_covariance=model)
