@@ -237,7 +237,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         for fit in fits:
             _check_signs(fit)
         if isinstance(problem.observation, ThrustAndMotion):
-            fits = [fit.beside_stroke_force() if fit.has_model_error else fit for fit in fits]
+            fits = [_beside_stroke_force(fit, signals) if fit.has_model_error else fit for fit in fits]
         return fits
 
     def _check_directions(self, problem: FrictionProblem) -> None:
@@ -434,6 +434,16 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
             )
         remarks = [f"all sliding is at one speed, so {' and '.join(effects)}: {advice}"] if effects else []
         return tuple(terms), fast if speeds.size else None, remarks
+
+
+def _beside_stroke_force(fit: FrictionFit, signals: Signals) -> FrictionFit:
+    """Return the fit beside a force along the stroke, whose smaller residual tells more of when the thrust acts."""
+    beside, observation = fit.beside_stroke_force(), fit.problem.observation
+    if beside.stroke is None or signals.numerics or not isinstance(observation, ThrustAndMotion):
+        return beside
+    moved = [replace(fit, problem=fit.problem.with_lead(lead)) for lead in (HELD, (HELD + EVEN) / 2, EVEN)]
+    lead = _least_lead(*(each.beside_stroke_force().error for each in moved))
+    return replace(beside, problem=replace(fit.problem, lead_doubt=lead - observation.lead))
 
 
 def _check_signs(fit: FrictionFit) -> None:
