@@ -17,17 +17,17 @@ from fraexp.components.kinds import Estimator, Excitation, FrictionModel, Plant
 from fraexp.components.registry import create, discover
 from fraexp.data.results import Outcome
 from fraexp.errors import ParameterError, RecordError
-from tests.identification.test_maximum_likelihood import MACHINE, RESOLUTION, metrics, recorded, scaled
+from tests.identification.plant_responses import SCALE
+from tests.identification.test_maximum_likelihood import MACHINE, metrics, scaled
 
-__all__ = ["recorded"]
 NOISE = 3e-7
-LOOP = {**MACHINE["loop"], "resolution": RESOLUTION}
+LOOP = {**MACHINE["loop"], "resolution": SCALE["resolution"]}
 SINE = {"name": "stepped_sine", "amplitude": 12.0, "min_frequency": 2.0, "max_frequency": 120.0, "points": 12}
 
 
 def design(**given):
     method = {
-        "name": "maximum_likelihood", "friction": scaled(1.1, 0.9), "resolution": RESOLUTION, "noise": NOISE,
+        "name": "maximum_likelihood", "friction": scaled(1.1, 0.9), "resolution": SCALE["resolution"], "noise": NOISE,
         "input_dead_time": LOOP["input_dead_time"],
     }  # fmt: skip
     common = {"method": method, "amplitudes": [6.0, 12.0], "measuring_time": 40.0, "controller": MACHINE["controller"]}
@@ -96,10 +96,10 @@ def test_a_plan_lasts_as_long_as_its_simulation(recorded, registry):
     """Settling included, and what the windows in which it shows have of the record."""
     sines = {"name": "sine_list", "frequencies": [20.0, 80.0], "amplitudes": [12.0]}
     method = design().method
-    problem = method.problem(recorded(excitation=sines, noise=NOISE), NOISE, method.law)
+    problem = method.problem(recorded(sines, noise=NOISE), NOISE, method.law)
     records = planned_records(problem.fit_around(create(registry, Plant, MACHINE["plant"])), (12.0, 12.0))
     for counts in ((1, 1), (3, 10)):
-        segments = recorded(excitation={**sines, "period_counts": counts}, noise=NOISE).segments
+        segments = recorded({**sines, "period_counts": counts}, noise=NOISE).segments
         lasted = [each.settling.time + each.channels["y"].size * each.sample_time for each in segments]
         assert [each.time(count) for each, count in zip(records, counts, strict=True)] == pytest.approx(lasted)
 
@@ -107,7 +107,7 @@ def test_a_plan_lasts_as_long_as_its_simulation(recorded, registry):
 @pytest.fixture(scope="module")
 def short(recorded):
     """One period at each frequency."""
-    return recorded(excitation=SINE, noise=NOISE)
+    return recorded(SINE, noise=NOISE)
 
 
 @pytest.mark.thorough

@@ -10,15 +10,15 @@ from fraexp.components.kinds import Estimator, FrictionModel
 from fraexp.components.registry import create, discover
 from fraexp.data.results import Outcome
 from fraexp.errors import RecordError
-from tests.identification.test_maximum_likelihood import LUGRE, MACHINE, RESOLUTION, metrics, plant_at, recorded
+from tests.identification.plant_responses import SCALE
+from tests.identification.test_maximum_likelihood import LUGRE, MACHINE, metrics, plant_at
 from tests.machines import decibel, degrees
 
-__all__ = ["recorded"]
 SINE = {"name": "stepped_sine", "amplitude": 12.0, "points": 20}
 
 
 def comparison(**given):
-    parameters = {"resolution": RESOLUTION, "noise": 0.0, "input_dead_time": MACHINE["loop"]["input_dead_time"]}
+    parameters = {**SCALE, "noise": 0.0, "input_dead_time": MACHINE["loop"]["input_dead_time"]}
     return create(discover(), Estimator, {"name": "maximum_likelihood", **parameters, **given})
 
 
@@ -32,7 +32,7 @@ def test_shape_parameters_are_those_that_scales_do_not_change(registry):
 
 
 def test_the_start_is_near_without_any_knowledge(recorded, registry):
-    starts = comparison(laws=["rolling", "dahl", "lugre"])._candidates(recorded(excitation=SINE), 0.0)
+    starts = comparison(laws=["rolling", "dahl", "lugre"])._candidates(recorded(SINE, noise=0.0), 0.0)
     curve = MACHINE["friction"]["curve"]
     assert [model.name for model in starts] == ["rolling", "dahl", "lugre"]
     assert starts[0].curve.coulomb_force == pytest.approx(curve["coulomb_force"], rel=0.1)
@@ -41,14 +41,14 @@ def test_the_start_is_near_without_any_knowledge(recorded, registry):
 
 
 def test_too_few_records_are_refused(recorded):
-    signals = recorded(excitation=SINE)
+    signals = recorded(SINE, noise=0.0)
     with pytest.raises(RecordError, match=r"there are 5 records; expected 8 or more"):
         comparison(laws=["rolling"]).estimate(replace(signals, segments=signals.segments[:5]))
 
 
 @pytest.mark.thorough
 def test_law_numbers_and_plant_are_found_of_a_machine_of_which_nothing_is_known(recorded, registry):
-    signals = recorded(excitation=SINE)
+    signals = recorded(SINE, noise=0.0)
     result = comparison(laws=["rolling", "dahl"]).estimate(signals)
     assert result.outcome is Outcome.OK, result.message
     assert result.findings[0].place == "rolling"
@@ -68,7 +68,7 @@ def test_law_numbers_and_plant_are_found_of_a_machine_of_which_nothing_is_known(
 
 @pytest.mark.thorough
 def test_none_fits_where_the_machines_law_is_no_candidate(recorded):
-    signals = recorded(excitation=SINE)
+    signals = recorded(SINE, noise=0.0)
     result = comparison(laws=["dahl"]).estimate(signals)
     assert result.outcome is Outcome.INACCURATE
     assert result.findings[0].kind == "misfit"
@@ -79,7 +79,7 @@ def test_none_fits_where_the_machines_law_is_no_candidate(recorded):
 def test_the_simpler_of_two_laws_that_both_fit_wins(recorded):
     dahl = {"name": "dahl", "stiffness": 1.5e5, "coulomb_force": 17.9, "viscous_coefficient": 10.0}
     lugre = {**LUGRE, "static_force": 18.0}
-    signals = recorded(dahl, {"name": "stepped_sine", "amplitude": 25.0, "points": 20})
+    signals = recorded({"name": "stepped_sine", "amplitude": 25.0, "points": 20}, dahl, noise=0.0)
     result = comparison(starts=[lugre, dahl]).estimate(signals)
     assert result.findings[0].place == "dahl"
     assert metrics(result)["verdict"] == 1

@@ -9,9 +9,8 @@ from fraexp_plugins.identification.whole_record._motion_start import fits_along_
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.registry import create
-from tests.identification.test_maximum_likelihood import LUGRE, MACHINE, estimator, recorded
+from tests.identification.test_maximum_likelihood import LUGRE, MACHINE, estimator
 
-__all__ = ["recorded"]
 SINES = {"name": "stepped_sine", "amplitude": 25.0, "points": 8, "min_frequency": 5.0}
 WRONG = {"viscous_coefficient": 2.0, "bristle_damping": 0.6, "static_force": 1.1, "stribeck_velocity": 1.4}
 
@@ -28,7 +27,7 @@ def fitted(registry, signals, spec):
 
 
 def test_numbers_that_are_wrong_by_a_factor_are_found(recorded, registry):
-    signals = recorded(LUGRE, SINES)
+    signals = recorded(SINES, LUGRE, noise=0.0)
     wrong = LUGRE | {name: factor * LUGRE[name] for name, factor in WRONG.items()}
     found, values = fitted(registry, signals, wrong)
     assert found.residual < 1
@@ -38,7 +37,7 @@ def test_numbers_that_are_wrong_by_a_factor_are_found(recorded, registry):
 
 
 def test_a_plant_that_is_given_stays(recorded, registry):
-    signals = recorded(excitation=SINES)
+    signals = recorded(SINES, noise=0.0)
     method = estimator(nominal_plant=MACHINE["plant"])
     found = fits_along_motion(method.problem(signals, 0.0, method.law))[0]
     assert found.plant == method.nominal_plant
