@@ -155,7 +155,7 @@ KINDS: Mapping[str, Kind] = {
 """All kinds of findings by their names; `docs/troubleshooting.md` lists them."""
 
 
-LENGTH_SCALES = ((1.0, 1.0, ""), (1e-3, 1e3, "m"), (1e-7, 1e6, "µ"), (0.0, 1e9, "n"))
+LENGTH_SCALES = ((1.0, 1.0, ""), (1e-3, 1e3, "m"), (1e-7, 1e6, "µ"), (1e-12, 1e9, "n"))
 """Least length [m], factor and prefix of the units in which lengths are readable."""
 
 
@@ -174,7 +174,7 @@ class Quantity:
         """Return its words: ``error of the response 0.3 dB at 5 Hz``."""
         factor, prefix = self._scale
         number = f"{factor * self.value:.4g} {prefix}{with_powers(self.unit)}".removesuffix(" 1").rstrip()
-        number = number if math.isfinite(self.value) else "without bound"
+        number = "without bound" if math.isinf(self.value) else number
         where = "" if self.frequency is None else f"at {self.frequency:.4g} Hz"
         return " ".join(filter(None, (self.name, number, where)))
 
@@ -183,7 +183,8 @@ class Quantity:
         """Factor and prefix with which a length or an angle is readable."""
         if self.unit not in ("m", "rad") or not self.value:
             return 1.0, ""
-        return next((factor, prefix) for least, factor, prefix in LENGTH_SCALES if abs(self.value) >= least)
+        known = ((factor, prefix) for least, factor, prefix in LENGTH_SCALES if abs(self.value) >= least)
+        return next(known, (1.0, ""))  # of what is not a number, or no length that is readable
 
 
 @dataclass(frozen=True)
