@@ -20,7 +20,7 @@ from fraexp.measurement.motion_guard import MotionGuard
 from fraexp.measurement.unknown_axis import UnknownAxis
 from fraexp.measurement.watched_machine import WatchedMachine
 from fraexp.simulation.motion_limits import MotionLimits
-from fraexp.workspace.autonomous_service import AutonomousService
+from fraexp.workspace.autonomous_service import AutonomousService, EvaluationProgress
 from fraexp.workspace.workspace_service import WorkspaceService
 
 STUDY = """
@@ -216,7 +216,10 @@ def test_plant_and_friction_are_found_behind_the_socket(tmp_path: Path, monkeypa
     assert metrics["Coulomb force"] == pytest.approx(17.9, rel=0.03)
     assert max(point.used for point in service.files.points()) <= 1
     again = AutonomousService(workspace, "axis")
-    assert len(list(again.measure())) < len(events) / 10  # nothing is played twice
+    played, anew = (
+        [event for event in of if not isinstance(event, EvaluationProgress)] for of in (events, again.measure())
+    )
+    assert len(anew) < len(played) / 10  # nothing is played twice
     assert again.is_good
 
 
