@@ -24,7 +24,7 @@ pytestmark = pytest.mark.thorough  # each tuning takes seconds; margins and limi
 
 @pytest.fixture(scope="module")
 def tuned(registry: Registry) -> TunedMachine:
-    return tune(registry, "linear_motor_table", noise=3e-6, model_error=0.02)
+    return tune(registry, "linear_motor_table", noise=3e-7, model_error=0.02)
 
 
 def metric(tuned: TunedMachine, name: str) -> float:
@@ -63,7 +63,7 @@ def test_eigenvalues_notice_more_gain_than_the_margin_allows(tuned: TunedMachine
 def test_what_no_controller_can_keep_is_refused(registry: Registry) -> None:
     with pytest.raises(RecordError, match=r"no controller keeps a modulus margin of 0\.5, .*; narrow the band"):
         tune(registry, "linear_motor_table", 1e-7, 0.5)
-    with pytest.raises(ParameterError, match="max_amplitude is 1e-08 m; expected more than min_amplitude"):
+    with pytest.raises(ParameterError, match="max_amplitude is 10 nm; expected more than min_amplitude"):
         tune(registry, "linear_motor_table", 1e-7, 0.02, max_amplitude=1e-8)
 
 
