@@ -24,7 +24,7 @@ pytestmark = pytest.mark.thorough  # each tuning takes seconds; margins and limi
 
 @pytest.fixture(scope="module")
 def tuned(registry: Registry) -> TunedMachine:
-    return tune(registry, "linear_motor_table", noise=3e-7, model_error=0.02)
+    return tune(registry, "linear_motor_table", noise=3e-6, model_error=0.02)
 
 
 def metric(tuned: TunedMachine, name: str) -> float:

@@ -62,12 +62,12 @@ class HiddenForce(NamedTuple):
 def hidden_forces(observer: ObserverEstimator, segments: Sequence[Segment]) -> list[HiddenForce | None]:
     """Return what standstill hides from the observer in each segment; None where the motion shows all of the force.
 
-    It does if a motion that the record cannot show changes the force by less than 5 %. Other laws leave their force
-    open while the machine stands. It then balances the input: û_e vanishes, but for the free vibration of what hangs on
-    the machine. Setting û_e to zero there gives another estimate of the plant. Its difference from the one found is
-    what can be known of the error without a model of the plant; where the machine stands for a large part of a period
-    it is an order of magnitude. At a reversal without standstill such a force jumps half a point of the interpolated
-    motion too late.
+    It does if the encoder shows the motion within which friction sticks, and the motion between samples changes the
+    force by less than 5 %. Other laws leave their force open while the machine stands. It then balances the input:
+    û_e vanishes, but for the free vibration of what hangs on the machine. Setting û_e to zero there gives another
+    estimate of the plant. Its difference from the one found is what can be known of the error without a model of the
+    plant; where the machine stands for a large part of a period it is an order of magnitude. At a reversal without
+    standstill such a force jumps half a point of the interpolated motion too late.
     """
     found: list[HiddenForce | None] = [None] * len(segments)
     doubts = _find_doubts(observer, segments)
@@ -97,7 +97,7 @@ def _find_doubts(observer: ObserverEstimator, segments: Sequence[Segment]) -> li
     if min(greatest, stiffness) <= 0:
         return []
     stop = observer.displacement_scale * greatest / observer.force_scale / stiffness
-    unseen = [(index, motion_uncertainty(observer, segment)) for index, segment in enumerate(segments)]
+    unseen = [(index, _unseen_motion(observer, segment, stop)) for index, segment in enumerate(segments)]
     unseen = [(index, motion) for index, motion in unseen if motion >= MIN_HIDDEN_SHARE * stop]  # without the law
     motions = [
         Motion(np.array([0.0, motion / observer.displacement_scale]), segments[index].sample_time)
@@ -138,18 +138,27 @@ def _hidden_force(
     )
 
 
-def motion_uncertainty(observer: ObserverEstimator, segment: Segment) -> float:
-    """Return the motion [m] that the record cannot show: by encoder and noise, or between samples."""
-    encoder = observer.resolution / 2 + NOISE_STDS * np.sqrt(2) * observer.noise
+def _unseen_motion(observer: ObserverEstimator, segment: Segment, stop: float) -> float:
+    """Return the motion [m] within which the record cannot show whether the machine stands.
+
+    What the encoder hides counts if it covers the whole stop. Within the stop friction is a function of the motion: a
+    smaller part of it is drawn with the possible motions. What lies between samples is not.
+    """
+    encoder = float(observer.resolution / 2 + NOISE_STDS * np.sqrt(2) * observer.noise)
+    return max(encoder if encoder >= stop else 0.0, _unsampled_motion(observer, segment))
+
+
+def _unsampled_motion(observer: ObserverEstimator, segment: Segment) -> float:
+    """Return the motion [m] between the samples of a periodic record; 0 of another one."""
     if is_from_rest(segment) or not segment.periodic:
-        return float(encoder)
+        return 0.0
     size = segment.channels[observer.output].size
     periods = len(segment.channels[observer.output])
     bins = np.abs(record_spectrum(segment, observer.output)) * 2 / size
     bins[segment.lines[segment.lines * periods < bins.size] * periods] = 0.0
     scatter = 2 * np.sqrt((observer.noise**2 + observer.resolution**2 / 12 * periods) / size)
     octave = bins[bins.size // 2 :]
-    return float(max(encoder, UNSAMPLED_SHARE * octave[octave > NOISE_STDS * scatter].sum()))
+    return float(UNSAMPLED_SHARE * octave[octave > NOISE_STDS * scatter].sum())
 
 
 def _standing(y: NDArray[np.float64], tolerance: float) -> NDArray[np.bool_]:
