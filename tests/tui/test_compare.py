@@ -44,7 +44,7 @@ def test_marked_sweeps_are_overlaid_with_the_plant(workspace: Path, keys: list[s
         text = screen_text(app)
         for part in (
             "1 ━━━ 12 N, conventional",
-            "4 ━━━ 75 N, eff",
+            "4 ━━━ 75 N, effective_input",
             "P(s), linear plant",
             "Magnitude [dB re 1 mm/N]",
         ):

@@ -68,7 +68,7 @@ def test_the_first_minute_is_as_the_readme_tells(terminal: Terminal, tmp_path: P
     terminal.type("Enter")
     terminal.shows("complete", "4 computed")
     terminal.type("c")
-    terminal.shows("conventional", "ive_input", "12 N", "75 N", "dB")
+    terminal.shows("conventional", "effective_input", "12 N", "75 N", "dB")
     terminal.until(lambda shown: sum("⠁" <= letter <= "⣿" for letter in shown) > 50)  # of which curves are drawn
     terminal.type("d")
     terminal.shows("fraexp plot", "difference")
