@@ -11,6 +11,7 @@ from fraexp.records.channels import Channel, column_text, parse_channel
 def test_a_name_with_signs_is_written_in_quotes(name: str) -> None:
     assert column_text(name) == f'"{name}"'
     assert parse_channel(column_text(name), "") == Channel(column=name)
+    assert parse_channel(f"{column_text(name)} / 4", "") == Channel(column=name, scale=0.25)
     assert parse_channel(f"{column_text(name)} * 2.5 + 1 [N]", "") == Channel(
         column=name, scale=2.5, offset=1, unit="N"
     )

@@ -296,4 +296,5 @@ def test_a_day_is_that_of_the_clock_on_the_wall(filled):
     today = datetime.now().astimezone()
     assert filled.page(f"created={today:%Y-%m-%d}").total == 3
     assert filled.page(f"created>{today:%Y-%m-%d}").total == 0
+    assert filled.page(f"created={today - timedelta(days=1):%Y-%m-%d}").total == 0
     assert filled.page(f"created>={today - timedelta(days=1):%Y-%m-%d}").total == 3
