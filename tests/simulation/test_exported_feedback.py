@@ -113,6 +113,8 @@ def test_structured_text_has_the_limit_as_an_input_that_is_0_until_it_is_stated(
         plc = Machine(st_text([block_of(registry, CONTROLLERS["pid"], limit=limit)], "axis", ["test"]))
         instance = plc.create("FB_axis_feedback")
         assert plc.cycle("FB_axis_feedback", instance, setpoint=1.0)["control"] == expected
+        assert plc.cycle("FB_axis_feedback", instance, position=np.nan)["control"] == 0.0
+        instance["position"] = 0.0
         assert plc.cycle("FB_axis_feedback", instance, force_limit=50.0)["control"] == 50.0
 
 
@@ -122,6 +124,9 @@ def test_c_agrees_with_plain_python_at_the_limit(tmp_path: Path, registry: Regis
     k = np.arange(3000)
     rows = np.column_stack([np.where(k % 1000 < 500, 5e-3, -5e-3), 1e-3 * np.sin(0.01 * k)])
     expected = block.run(rows)
+    lost = np.insert(rows, [100, 2000], [[np.nan, 0.0], [0.0, -np.inf]], axis=0)
+    assert np.array_equal(block.run(lost), np.insert(expected, [100, 2000], 0.0))
+    rows, expected = lost, block.run(lost)
     assert np.mean(np.abs(expected) == LIMIT_N) > 0.05
     assert np.abs(CompiledBlocks(tmp_path, [block]).run("feedback", rows) - expected).max() <= 1e-12 * LIMIT_N
 

@@ -34,7 +34,10 @@ class Setting(NamedTuple):
 
 @dataclass(frozen=True)
 class Block:
-    """A function of a controller's program, in Python; its states are zero before the first sample."""
+    """A function of a controller's program, in Python; its states are zero before the first sample.
+
+    A sample in which an input is not a finite number gives 0 and leaves the states as they are: they would keep a NaN.
+    """
 
     name: str
     summary: str
@@ -67,7 +70,10 @@ class Block:
         names = [one.name for one in self.inputs]
         rows = (dict(zip(names, row, strict=True)) for row in np.asarray(inputs, dtype=float).tolist())
         settings = {one.name: one.test_value for one in self.settings}
-        return np.array([self.function(**states, **row, **settings, **self.constants) for row in rows])
+        return np.array([
+            self.function(**states, **row, **settings, **self.constants) if np.isfinite([*row.values()]).all() else 0.0
+            for row in rows
+        ])  # fmt: skip
 
     @cached_property
     def test_outputs(self) -> NDArray[np.float64]:

@@ -34,6 +34,7 @@ typedef {prefix}REAL {prefix}real; /* double, or float by -D{prefix}REAL=float *
 
 static inline {prefix}real {prefix}min({prefix}real a, {prefix}real b) {{ return b < a ? b : a; }}
 static inline {prefix}real {prefix}max({prefix}real a, {prefix}real b) {{ return b > a ? b : a; }}
+static inline int {prefix}is_finite({prefix}real a) {{ return a - a == 0; }}
 static inline int {prefix}min_int(int a, int b) {{ return b < a ? b : a; }}
 static inline int {prefix}max_int(int a, int b) {{ return b > a ? b : a; }}
 static inline int {prefix}wrap(int index, int size) {{ return index < 0 ? index + size : index; }}
@@ -189,6 +190,7 @@ def _block_text(block: Block, prefix: str) -> str:
     members = "".join(f"    {real} {states[one]}[{max(size, 1)}];\n" for one, size in block.states.items())
     meanings = [f" * {inputs[one.name]}: {one.meaning} [{one.unit}]" for one in block.inputs]
     given = "".join(f", {real} {inputs[one.name]}" for one in block.inputs)
+    finite = " && ".join(f"{prefix}is_finite({one})" for one in inputs.values())
     settings = [f"({real}){prefix}{one.name.upper()}" for one in block.settings]
     called = ", ".join([*(f"state->{states[one]}" for one in block.states), *inputs.values(), *settings])
     return "\n".join(
@@ -197,9 +199,10 @@ def _block_text(block: Block, prefix: str) -> str:
             f"static inline void {label}_reset({label}_state *state) {{\n    *state = ({label}_state){{0}};\n}}\n",
             f"/* {comment(block.summary)}",
             *(f" {comment(meaning)}" for meaning in meanings),
-            f" * Returns: {comment(block.output.meaning)} [{block.output.unit}]. Call it once per sample. */",
+            f" * Returns: {comment(block.output.meaning)} [{block.output.unit}]; 0, with the states as they were, if",
+            " * an input is not a finite number. Call it once per sample. */",
             f"static inline {real} {label}_step({label}_state *state{given}) {{",
-            f"    return {label}({called});\n}}\n",
+            f"    return {finite} ? {label}({called}) : 0;\n}}\n",
         ]
     )
 

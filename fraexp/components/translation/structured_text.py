@@ -247,14 +247,18 @@ def _block_text(block: Block, program: Function, language: StructuredText) -> st
     states = {names[one]: language.array_type(size) for one, size in block.states.items()}
     given = {program.names[name]: names[name] for name in (*block.states, *tables, *block.numbers)}
     held = [language.table(names[name], values) for name, values in tables.items()]
+    finite = " AND ".join(f"{one} - {one} = 0.0" for one in (names[one.name] for one in block.inputs))
     return "\n".join(
         [
             f"FUNCTION_BLOCK FB_{language.prefix}{block.name} (* {comment(block.summary)} *)",
             *("VAR_INPUT", *inputs, *settings, "END_VAR", "VAR_OUTPUT", output, "END_VAR"),
             *declaration("VAR", states),
             *(("VAR", *held, "END_VAR") if held else ()),
-            f"{names[block.output.name]} := {language.prefix}{block.name}({named_arguments(given)});",
-            "END_FUNCTION_BLOCK",
+            f"IF {finite} THEN",
+            f"    {names[block.output.name]} := {language.prefix}{block.name}({named_arguments(given)});",
+            "ELSE (* an input is not a finite number: the states stay as they were *)",
+            f"    {names[block.output.name]} := 0.0;",
+            *("END_IF;", "END_FUNCTION_BLOCK"),
             "",
         ]
     )
