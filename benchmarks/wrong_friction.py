@@ -14,12 +14,13 @@ from friction_bands import within_limits
 from harness import Bench, run
 from paper_machine import PAPER, REGISTRY, decibel, machine_of, response_of, simulated
 
-from fraexp.analysis.verdict import Accuracy, BandReach
+from fraexp.analysis.band_reach import BandReach
 from fraexp.components.kinds import Estimator
 from fraexp.components.registry import create
 from fraexp.data.results import FrequencyResponse
 from fraexp.data.signals import Signals
 from fraexp.simulation.machine import Machine
+from fraexp.study.accuracy import Accuracy
 
 SWEEPS = {
     "12 N, 8 points 5…50 Hz": (12.0, 5, 50, 8),
@@ -48,14 +49,14 @@ def points_of(response: FrequencyResponse, machine: Machine) -> Points:
     """Return what a response says."""
     truth = machine.response(2 * np.pi * response.frequency)
     ratio, model = truth / response.response, response.model_covariance
-    error, turn = np.abs(decibel(ratio)), np.degrees(np.abs(np.angle(ratio)))
+    error, turn = np.abs(decibel(ratio)), np.abs(np.angle(ratio))
     wide = replace(
         response,
         covariance=WIDER**2 * response.covariance,
         model_covariance=None if model is None else WIDER**2 * model,
     )
     is_held, is_near = (within_limits(each, truth, 1e-4).all(axis=0) for each in (response, wide))
-    is_ok = BandReach.of(response).is_within(ACCURACY)
+    is_ok = BandReach.of(response).is_within()
     is_off, is_far = ((error > part * ACCURACY.magnitude) | (turn > part * ACCURACY.phase) for part in (1, 2))
     columns = (error, is_off, is_held, is_ok, is_ok & is_far & ~is_near)
     return Points(*(column[response.settled] for column in columns))

@@ -1,13 +1,13 @@
 """The one module that a plugin imports."""
 
 from fraexp.analysis.array_cache import cached_arrays
+from fraexp.analysis.band_reach import BandReach
 from fraexp.analysis.confidence import circle_factor, degrees_of_freedom
 from fraexp.analysis.delays import hold_response, image_factor, path_response
 from fraexp.analysis.fourier import fourier_sums, phasors, record_spectrum
 from fraexp.analysis.quantisation import grid_step, phasor_variance, rounding_symmetry
 from fraexp.analysis.response import response_result, silence
 from fraexp.analysis.steady_motion import find_steady_motion
-from fraexp.analysis.verdict import Accuracy, BandReach
 from fraexp.components.kinds import (
     Controller,
     Estimator,
@@ -45,7 +45,6 @@ from fraexp.simulation.replay import Replay, Replayed, ReplayModel, replay
 
 __all__ = [
     "HARMONICS",
-    "Accuracy",
     "BandReach",
     "Chunk",
     "ConnectionLostError",

@@ -5,7 +5,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fraexp.data.results import FrequencyResponse
+from fraexp.components.kinds import Estimator
+from fraexp.data.results import FrequencyResponse, Result
+from fraexp.data.signals import Signals
+from fraexp.execution.verdict import judge_band
+from fraexp.study.accuracy import Accuracy
 
 
 def frequency_response(frequency: ArrayLike, response: ArrayLike, **known: Any) -> FrequencyResponse:
@@ -25,3 +29,8 @@ def frequency_response(frequency: ArrayLike, response: ArrayLike, **known: Any) 
         "harmonics": np.zeros((count, 6), dtype=complex),
     }
     return FrequencyResponse(frequency=np.asarray(frequency, dtype=float), response=values, **(plain | known))
+
+
+def judged(estimator: Estimator, signals: Signals) -> Result:
+    """Return what a sweep has of an estimator, if its study asks for no accuracy of its own."""
+    return judge_band(estimator.estimate(signals), Accuracy(), estimator)

@@ -340,6 +340,10 @@ class Estimator(Component, ABC):
     def estimate(self, signals: Signals) -> Result:
         """Return the result that the signals give."""
 
+    def relies_on(self, frequency: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return at which frequencies [Hz] its result needs the response, shape (n,): all, unless it fits some."""
+        return np.ones(frequency.size, dtype=bool)
+
     def resolve_for(self, signals: Signals) -> Self:
         """Return the estimator with what it chooses by itself along these signals, such as a number of points."""
         return self

@@ -69,10 +69,15 @@ KINDS: Mapping[str, Kind] = {
         "raise the amplitude, measure frequencies at most 1.5 times apart, whose harmonics tell how wrong the model "
         "is, or identify friction and state how well it is known (deviations, force_std, displacement_std)",
     ),
-    "band by encoder": Kind(
-        "the band is too wide by rounding and noise of the encoder",
-        "the encoder is coarse or noisy for this motion",
-        "raise the amplitude, use a finer encoder, or record more periods with noise",
+    "band by noise": Kind(
+        "the band is too wide by noise and rounding",
+        "the encoder is coarse or noisy for this motion, or few periods were recorded",
+        "raise the amplitude, use a finer encoder, or record more periods",
+    ),
+    "unknown band": Kind(
+        "nothing tells how far the response may be off",
+        "one period without a stated noise, or a response without its coherence",
+        "record two periods or more, state the noise of the encoder, or state the coherence of a response",
     ),
     "few encoder steps": Kind(
         "the motion is of few encoder steps, and no noise blurs its rounding",

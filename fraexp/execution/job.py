@@ -18,10 +18,12 @@ from fraexp.data.signals import Signals
 from fraexp.data.sweep import Plain
 from fraexp.errors import FraexpError, PluginError, RecordError
 from fraexp.execution.certificate import certify
+from fraexp.execution.verdict import judge_band
 from fraexp.kernels.announcement import compilation_listener
 from fraexp.kernels.law_error import LawError
 from fraexp.simulation import loop
 from fraexp.simulation.machine import Numerics, build_machine
+from fraexp.study.accuracy import Accuracy
 
 ReportProgress = Callable[[float], None]
 """Called with the fraction of the experiment that is done."""
@@ -80,13 +82,8 @@ def _run_job(job: Job, progress: ReportProgress, begins: ReportEstimator) -> lis
     answers = []
     for number, estimator in enumerate(job.estimators):
         begins(number)
-        answers.append(_estimate(registry, estimator, signals, shared, tolerated_error(job.experiment)))
+        answers.append(_estimate(registry, estimator, signals, shared, job.experiment))
     return answers
-
-
-def tolerated_error(experiment: Plain) -> float:
-    """Return the numerical error that an experiment tolerates."""
-    return float(experiment.get("numerics", {}).get("tolerance", Numerics().tolerance))
 
 
 def _law_names(job: Job) -> str:
@@ -139,11 +136,11 @@ def _simulate(experiment: Plain, registry: Registry, progress: ReportProgress) -
     return loop.simulate_loop(build_machine(experiment, registry), excitation, progress)
 
 
-def _estimate(registry: Registry, spec: Plain, signals: Signals, shared: float, tolerance: float) -> Result | Failure:
+def _estimate(registry: Registry, spec: Plain, signals: Signals, shared: float, experiment: Plain) -> Result | Failure:
     began = time.perf_counter()
     try:
         estimator = create(registry, Estimator, spec)
-        result = apply_estimator(estimator, signals, tolerance)
+        result = apply_estimator(estimator, signals, experiment)
     except Exception as error:  # as above: the other estimators go on
         return describe_failure(error)
     return replace(
@@ -154,21 +151,22 @@ def _estimate(registry: Registry, spec: Plain, signals: Signals, shared: float, 
     )
 
 
-def apply_estimator(estimator: Estimator, signals: Signals, tolerance: float) -> Result:
-    """Return what an estimator learns from signals, certified to a numerical error; PluginError if it is no Result.
+def apply_estimator(estimator: Estimator, signals: Signals, experiment: Plain) -> Result:
+    """Return what an estimator learns from signals, certified and judged as their experiment says.
 
     Estimators know straight axes only: what they get and return is translated if the signals are those of a rotary one.
+    PluginError if an estimator returns no Result.
     """
     if not are_rotary(signals.units.values()):
-        return _apply_linear(estimator, signals, tolerance)
+        return _apply_linear(estimator, signals, experiment)
     try:
-        return rotary_result(_apply_linear(estimator, as_linear(signals), tolerance))
+        return rotary_result(_apply_linear(estimator, as_linear(signals), experiment))
     except FraexpError as error:
         to_rotary_units(error)
         raise
 
 
-def _apply_linear(estimator: Estimator, signals: Signals, tolerance: float) -> Result:
+def _apply_linear(estimator: Estimator, signals: Signals, experiment: Plain) -> Result:
     if signals.are_stated and not estimator.takes_responses:
         raise RecordError(
             f"{estimator.name} needs samples over time, and the record is a response that was measured elsewhere; use "
@@ -182,7 +180,9 @@ def _apply_linear(estimator: Estimator, signals: Signals, tolerance: float) -> R
         raise PluginError(f"{estimator.name} returns {result!r:.60}; expected a Result")
     if not all(isinstance(found, Finding) for found in result.findings):
         raise PluginError(f"{estimator.name} returns findings that are {result.findings!r:.60}; expected Findings")
-    return certify(estimator, signals, result, tolerance)
+    tolerance = float(experiment.get("numerics", {}).get("tolerance", Numerics().tolerance))
+    accuracy = Accuracy.parse(experiment.get("accuracy", {}), "accuracy")
+    return judge_band(certify(estimator, signals, result, tolerance), accuracy, estimator)
 
 
 def describe_failure(error: BaseException) -> Failure:

@@ -13,7 +13,7 @@ from fraexp.data.results import Result
 from fraexp.data.signals import Signals
 from fraexp.data.sweep import Plain, Sweep, component_names
 from fraexp.errors import StudyError
-from fraexp.execution.job import Job, apply_estimator, load_signals, tolerated_error
+from fraexp.execution.job import Job, apply_estimator, load_signals
 from fraexp.execution.scheduler import StoredFits
 from fraexp.interface.datasets import signals_dataset
 from fraexp.interface.run_monitor import computing_meter
@@ -109,7 +109,7 @@ def estimate_signals(recording: Recording, spec: Plain) -> SweepResult:
     with computing_meter({"estimator": resolved}):
         for friction in friction_specs([resolved]):
             first_trial(friction, service.registry)
-        result = apply_estimator(estimator, recording.signals, tolerated_error(experiment))
+        result = apply_estimator(estimator, recording.signals, experiment)
     sweep = Sweep(experiment, resolved, {}, recording.files)
     return SweepResult(_as_stored(sweep, result), result, service)
 

@@ -15,8 +15,14 @@ from fraexp.data.sweep import components_by_port
 from fraexp.errors import StudyError, did_you_mean
 from fraexp.simulation.experiments import Compensation
 from fraexp.simulation.machine import ControlLoop, Numerics
+from fraexp.study.accuracy import Accuracy
 
-SETTINGS: dict[str, type[Parameters]] = {"loop": ControlLoop, "numerics": Numerics, "compensation": Compensation}
+SETTINGS: dict[str, type[Parameters]] = {
+    "loop": ControlLoop,
+    "numerics": Numerics,
+    "compensation": Compensation,
+    "accuracy": Accuracy,
+}
 """Sections that are no components."""
 Owner = type[Parameters] | None
 """What declares the parameters at a place; None where that is not known."""

@@ -25,8 +25,6 @@ from fraexp.study import grid as grids
 from fraexp.study.paths import component_of
 from fraexp.study.sections import MACHINE, SETTINGS, is_for_autonomous, overlay
 
-COMPENSATION = "compensation"
-"""Optional section of an experiment on the loop."""
 EXCITATION, ESTIMATOR = INHERITING = (Excitation.kind, "estimator")
 """Components that inherit from resolved sections; all other sections inherit from the sections as written."""
 OF_A_DRIVE = ("friction", EXCITATION, "loop")
@@ -102,6 +100,8 @@ class Resolver:
             for point, values, written in _blame_grid(self._row(row, refers, place), grid, row):
                 at_point = dict(zip(grid, values, strict=True))
                 experiment = self._experiment(point.resolved, place)
+                if "accuracy" in point.resolved:  # of the key, as the outcome that is stored follows from it
+                    experiment["accuracy"] = point.resolved["accuracy"]
                 estimator, all_labels = point.resolved[ESTIMATOR], {**labels, **at_point} if labels else at_point
                 yield Sweep(experiment, estimator, all_labels, point.files), written
 
@@ -249,8 +249,8 @@ class Resolver:
             raise StudyError(f"{place}: lacks the section [{name}]; name a machine, or write the section") from None
         if drives:
             return {**experiment, "loop": self._of_a_driven_law(resolved["loop"])}
-        if COMPENSATION in resolved:
-            experiment[COMPENSATION] = resolved[COMPENSATION]
+        if "compensation" in resolved:
+            experiment["compensation"] = resolved["compensation"]
         self._check_ports(experiment, place)
         if "limits" in resolved:
             self._check_limits(experiment, resolved["limits"], place)

@@ -14,7 +14,7 @@ from fraexp.data.results import Result
 from fraexp.data.rotary_axes import is_rotary, to_rotary_units
 from fraexp.errors import FraexpError, MachineError, StudyError
 from fraexp.execution.events import Event
-from fraexp.execution.job import apply_estimator, tolerated_error
+from fraexp.execution.job import apply_estimator
 from fraexp.measurement.consent import Consent, missing_consent
 from fraexp.measurement.excitation_files import ExcitationTable
 from fraexp.measurement.measured_points import MeasuredPoint, MeasurementFiles
@@ -196,7 +196,7 @@ def results_at(
     for spec in task.estimators:
         try:
             estimator = create(registry, Estimator, spec)
-            found.append(apply_estimator(estimator, signals, tolerated_error(task.experiment)))
+            found.append(apply_estimator(estimator, signals, task.experiment))
         except FraexpError as error:
             found.append(str(error))
     return found

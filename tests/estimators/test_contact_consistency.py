@@ -15,6 +15,7 @@ from fraexp.data.results import Outcome, Result
 from fraexp.data.signals import Signals
 from tests.examples import thorough
 from tests.machines import guide, simulated
+from tests.responses import judged
 
 FREQUENCIES = tuple(np.geomspace(2.0, 150.0, 20))
 ENCODERS = ((0.0, 0.0), (1e-7, 0.0), (1e-7, 30e-9))
@@ -40,7 +41,7 @@ class Drive(NamedTuple):
         models = {name: scaled(model, factors.get(name, 1.0)) for name, model in self.frictions.items()}
         given = {"frictions": models, "nominal_plant": self.plant, "position": self.position, "relative_degree": 2}
         given |= {"resolution": resolution, "noise": noise, "input_dead_time": 1e-3, **changes}
-        return EffectiveInput(**given).estimate(self.signals)
+        return judged(EffectiveInput(**given), self.signals)
 
     def error(self, found: Result) -> float:
         """Return the greatest relative error of a response at settled frequencies."""

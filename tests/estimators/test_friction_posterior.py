@@ -5,11 +5,12 @@ import pytest
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.dahl import Dahl
 
+from fraexp.analysis.band_reach import USUAL_MAGNITUDE, BandReach
 from fraexp.analysis.confidence import confidence_limits
-from fraexp.analysis.verdict import Accuracy, BandReach
 from fraexp.data.results import Outcome
 from tests.examples import thorough
 from tests.machines import TABLE, decibel, guide, simulated
+from tests.responses import judged
 
 DELAYS = {"input_dead_time": 1e-3}
 FREQUENCIES = tuple(np.geomspace(2.0, 100.0, 24))
@@ -24,7 +25,7 @@ def signals():
 
 def estimated(signals, **changes):
     given = {"friction": guide(), "resolution": 1e-7, "oversampling": 8, **DELAYS, **changes}
-    return EffectiveInput(**given).estimate(signals)
+    return judged(EffectiveInput(**given), signals)
 
 
 def errors(found):
@@ -98,7 +99,7 @@ def test_no_ok_is_wrong(scale, amplitude, low, high, points):
     found = estimated(record, force_scale=scale)
     error, holds = errors(found)
     assert holds.mean() > 0.85
-    assert found.outcome is Outcome.INACCURATE or error.max() < 2 * Accuracy().magnitude
+    assert found.outcome is Outcome.INACCURATE or error.max() < 2 * USUAL_MAGNITUDE
 
 
 @pytest.mark.parametrize("resolution", [0.0, thorough(1e-8)])
@@ -108,7 +109,7 @@ def test_a_law_of_another_kind_is_an_error_of_the_law(resolution):
     record = simulated(machine, tuple(np.geomspace(1.0, 200.0, 40)), 30.0, resolution=resolution, tolerance=1e-4)
     found = estimated(record, resolution=resolution)
     error, holds = errors(found)
-    is_ok = BandReach.of(found.response).is_within(Accuracy())
+    is_ok = BandReach.of(found.response).is_within()
     assert holds.mean() > 0.9
-    assert error[is_ok].max(initial=0.0) < Accuracy().magnitude
+    assert error[is_ok].max(initial=0.0) < USUAL_MAGNITUDE
     assert found.outcome is Outcome.INACCURATE

@@ -8,8 +8,8 @@ import pytest
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 
+from fraexp.analysis.band_reach import BandReach
 from fraexp.analysis.confidence import circle_factor, confidence_limits
-from fraexp.analysis.verdict import Accuracy, BandReach
 from fraexp.components.kinds import Plant
 from fraexp.components.registry import Registry, create
 from fraexp.data.results import FrequencyResponse, Outcome, Result
@@ -69,11 +69,11 @@ def test_what_the_encoder_hides_is_not_ok(registry: Registry) -> None:
     truth = create(registry, Plant, experiment["plant"]).response(2 * np.pi * response.frequency)
     error = np.abs(response.response / truth - 1)
     assert result.outcome is Outcome.INACCURATE
-    wrong = response.frequency[~BandReach.of(response).is_within(Accuracy())]
-    (found,) = [each for each in result.findings if each.kind == "band by encoder"]
+    wrong = response.frequency[~BandReach.of(response).is_within()]
+    (found,) = [each for each in result.findings if each.kind == "band by noise"]
     assert set(found.frequencies) <= set(wrong)
     assert error.max() > 0.2
-    assert error[BandReach.of(response).is_within(Accuracy())].max() < 0.06
+    assert error[BandReach.of(response).is_within()].max() < 0.06
     assert np.mean(is_within_circle(response, truth)) > 0.95
     assert np.all(error[response.frequency > 4] < 0.02)
 
@@ -87,7 +87,7 @@ def test_what_the_encoder_shows_is_ok(registry: Registry) -> None:
 def test_a_fit_is_ok_if_the_response_is_so_within_its_range(registry: Registry) -> None:
     result, _ = result_of("paper/fig12_fit", registry, 12.0)
     assert result.outcome is Outcome.OK
-    assert {each.place for each in result.findings if each.kind.startswith("band")} == {"outside the fit's range"}
+    assert not result.findings
     wide, _ = result_of("paper/fig12_fit", registry, 12.0, ("estimator.min_frequency=1",))
     assert wide.outcome is Outcome.INACCURATE
 

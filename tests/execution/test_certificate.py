@@ -12,8 +12,10 @@ from fraexp.components.registry import Registry, create
 from fraexp.data.findings import Quantity, remarks
 from fraexp.data.results import Outcome, Result
 from fraexp.data.signals import Verification
+from fraexp.errors import ParameterError
 from fraexp.execution.certificate import NUMERICAL_ERROR, certify
 from fraexp.execution.job import Job, run_job
+from fraexp.study.accuracy import Accuracy
 from fraexp.study.study_file import load
 from tests.machines import guide, simulated
 
@@ -65,6 +67,24 @@ def test_too_few_steps_are_said():
     result, _ = computed(ELEMENTS, steps=1, frequency=40.0)
     assert result.outcome is Outcome.INACCURATE
     assert "set numerics.steps_per_sample to 0" in result.message
+
+
+@pytest.mark.parametrize(
+    ("accuracy", "kinds"),
+    [({}, []), ({"magnitude": 1e-3}, ["band by noise"]), ({"phase": "0.005 deg"}, ["band by noise"])],
+)
+def test_a_band_is_judged_by_the_accuracy_of_the_study(accuracy: dict, kinds: list):
+    loop = {**EXPERIMENT["loop"], "noise": 2e-6, "seed": 3}
+    excitation = {**SINE, "frequencies": [10.0], "recorded_periods": 8}
+    experiment = {**EXPERIMENT, "loop": loop, "friction": ELEMENTS, "excitation": excitation, "accuracy": accuracy}
+    (result,) = run_job(Job(experiment, ({"name": "conventional"},)), lambda _: None)
+    assert [found.kind for found in result.findings] == kinds
+    assert result.outcome is (Outcome.INACCURATE if kinds else Outcome.OK)
+
+
+def test_an_accuracy_of_nothing_is_refused():
+    with pytest.raises(ParameterError, match="magnitude"):
+        Accuracy.parse({"magnitude": 0.0}, "accuracy")
 
 
 @pytest.mark.parametrize(("steps", "outcome"), [(0, Outcome.OK), (2, Outcome.INACCURATE)])

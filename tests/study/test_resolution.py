@@ -32,6 +32,7 @@ AXES: dict[str, list[Any]] = {
     "excitation.settling_timeout": [1.0, 2.0],
     "limits": [{"force": 100.0}, {"force": 1000.0}],
     "compensation": [{"gain": 0.5}, {"gain": 0.0}],
+    "accuracy": [{"magnitude": 1.0}, {"phase": "2 deg"}],
 }
 
 

@@ -37,7 +37,6 @@ from fraexp_plugins.estimators._shared.friction_band import (
     UNSTATED,
     ModelErrors,
     inverse_response,
-    judge_band,
     knows_machine,
     prior_std,
     scale_factors,
@@ -86,8 +85,7 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=8):
     the record, of one period or several, and pushed through friction: their mean moves the response, their scatter is
     its band, with what weak terms change. It is never narrower than the scatter of the periods. Terms that noise hides,
     and motion above the Nyquist frequency, follow from the friction force and from the plant at its harmonics; with a
-    `relative_degree` of 0 they do not. A best linear approximation or another `method` has the band of that method. A
-    frequency is ok if its whole band lies within 0.5 dB and 3°.
+    `relative_degree` of 0 they do not. A best linear approximation or another `method` has the band of that method.
 
     With friction at several contacts c, û_e = G_di G_do u - Σ R_c f̂_c. Each model of `frictions` is driven by the
     displacement of its contact, as far as measured positions give it: one of them, or a difference such as motor less
@@ -308,7 +306,7 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=8):
         if found.response is not None and not is_hidden:  # what standstill hides is no error of the model
             record = SineRecord(self, segments, self.encoder, found.response)
         errors = self._errors(signals, forces)
-        found = judge_band(with_model_errors(found, record, errors, corrects=self.corrects_friction))
+        found = with_model_errors(found, record, errors, corrects=self.corrects_friction)
         return self._with_standstill(forces, hidden, found) if is_hidden else found
 
     def _errors(self, signals: Signals, forces: ContactForces) -> ModelErrors | None:

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
-    Accuracy,
     BandReach,
     Encoder,
     Quantity,
@@ -211,8 +210,7 @@ def with_rounding(
     """Return a result less the rounding of its output that repeats in every period, with the rest in its band.
 
     Scatter over the periods does not show it. It is the smaller, the more the periods differ: noise is dither. A
-    response of one period is left as it is. Where rounding that repeats makes the band alone wider than the accuracy,
-    the motion is of few encoder steps, and the result is not ok.
+    response of one period is left as it is, and has no band: where its motion is of few encoder steps it is not ok.
     """
     response = found.response
     if response is None or not resolution:
@@ -225,12 +223,12 @@ def with_rounding(
         freedom = np.inf if response.freedom is None else response.freedom
         freedom = np.where(shown > 0, freedom * (1 + known / shown) ** 2, np.inf)  # Welch and Satterthwaite
     by_rounding = known[:, None, None] * (np.eye(2) / 2)
-    alone = replace(response, covariance=by_rounding, model_covariance=None, freedom=np.full(known.size, np.inf))
     if min(len(segment.channels[output]) for segment in segments) > 1:
         covariance = response.covariance + by_rounding
         moved = replace(response, response=response.response * (1 - error), covariance=covariance, freedom=freedom)
-        found = replace(found, response=moved)
-    coarse = response.settled & ~BandReach.of(alone).is_within(Accuracy())
+        return replace(found, response=moved)
+    alone = replace(response, covariance=by_rounding, model_covariance=None, freedom=np.full(known.size, np.inf))
+    coarse = response.settled & ~BandReach.of(alone).is_within()
     if not coarse.any():
         return found
     step = Quantity(resolution, "m", "encoder step")

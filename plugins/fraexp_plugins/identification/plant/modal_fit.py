@@ -280,14 +280,14 @@ class ModalFit(Estimator, name="modal_fit", version=6):
             fits=(*found.fits, *fit.fits),
         )
 
+    def relies_on(self, frequency: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which frequencies are fitted."""
+        high = np.inf if self.max_frequency is None else self.max_frequency
+        return np.asarray((frequency >= self.min_frequency) & (frequency <= high))
+
     def _is_exact_within_range(self, signals: Signals) -> bool:
         """Return whether the method finds nothing inaccurate in the segments that are fitted."""
-        high = np.inf if self.max_frequency is None else self.max_frequency
-        inside = [
-            segment
-            for segment in signals.segments
-            if np.any((segment.frequency >= self.min_frequency) & (segment.frequency <= high))
-        ]
+        inside = [segment for segment in signals.segments if np.any(self.relies_on(segment.frequency))]
         if len(inside) == len(signals.segments):
             return False
         return self.method.estimate(replace(signals, segments=tuple(inside))).outcome is Outcome.OK
