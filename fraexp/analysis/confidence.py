@@ -94,9 +94,9 @@ def relative_deviations(response: NDArray[np.complex128], covariance: NDArray[np
 def confidence_limits(response: FrequencyResponse) -> ConfidenceLimits:
     """Return the 95 % limits of magnitude and phase; NaN where nothing is known.
 
-    Where the friction model is uncertain they are the extremes of an ellipse around 1/Ĝ, because its error adds to
-    that: 1/P̂ - 1/P = N - N̂. An ellipse around the origin leaves the magnitude without an upper limit. A numerical error
-    is no scatter: the limits move outwards by all of it.
+    Where the friction model is uncertain they are those of 1/Ĝ, because its error adds to that: 1/P̂ - 1/P = N - N̂. If
+    1/G may be zero, the magnitude has no upper limit. A numerical error is no scatter: the limits move outwards by all
+    of it.
     """
     magnitude, phase = _inverse_limits(response) if response.model_covariance is not None else _noise_limits(response)
     if response.numerical_error is None:
@@ -137,17 +137,25 @@ def inverse_covariance(response: FrequencyResponse) -> InverseCovariance:
 
 
 def _inverse_limits(response: FrequencyResponse) -> ConfidenceLimits:
-    """Return the limits of Ĝ from the ellipse of 1/Ĝ."""
+    """Return the limits of Ĝ from an ellipse of 1/Ĝ.
+
+    The extremes of an ellipse of 1.96 standard deviations are those of an interval of 95 %, of the magnitude as of the
+    phase. Where the ellipse that covers 95 % of the plane contains the origin, its extremes are the limits.
+    """
     inverse, (covariance, freedom) = _inverse(response), inverse_covariance(response)
     values, vectors = np.linalg.eigh(np.where(np.isfinite(covariance), covariance, 0.0))
-    angle = np.linspace(0, 2 * np.pi, ELLIPSE_POINTS, endpoint=False)
-    circle = np.stack([np.cos(angle), np.sin(angle)])
-    factor = np.sqrt(2) * circle_factor(freedom)
     axes = vectors * np.sqrt(np.maximum(values, 0))[:, None, :]
-    edge = factor[:, None, None] * (axes @ circle)
+    plane = np.sqrt(2) * circle_factor(freedom)
+    with np.errstate(divide="ignore", invalid="ignore"):  # an ellipse may be a line, or a point
+        along = np.einsum("nij,ni->nj", vectors, np.stack([inverse.real, inverse.imag], axis=1))
+        distance = np.sqrt(np.nansum(along**2 / np.maximum(values, 0), axis=1))
+    has_origin = distance < plane  # G may be arbitrarily large
+    angle = np.linspace(0, 2 * np.pi, ELLIPSE_POINTS, endpoint=False)
+    edge = np.where(has_origin, plane, interval_factor(freedom))[:, None, None] * (
+        axes @ np.stack([np.cos(angle), np.sin(angle)])
+    )
     ratio = (inverse[:, None] + edge[:, 0] + 1j * edge[:, 1]) / inverse[:, None]  # of 1/G to 1/Ĝ: on the limit
     size, phase = np.abs(ratio), np.unwrap(np.angle(ratio), axis=1)
-    has_origin = np.abs(phase[:, -1] - phase[:, 0]) > np.pi  # inside the ellipse: G may be arbitrarily large
     with np.errstate(divide="ignore"):
         magnitude = np.stack([1 / size.max(axis=1), np.where(has_origin, np.inf, 1 / size.min(axis=1))])
     phases = np.stack([-phase.max(axis=1), -phase.min(axis=1)])
