@@ -74,6 +74,11 @@ KINDS: Mapping[str, Kind] = {
         "the encoder is coarse or noisy for this motion, or few periods were recorded",
         "raise the amplitude, use a finer encoder, or record more periods",
     ),
+    "band by distortion": Kind(
+        "the band is too wide by nonlinear distortion",
+        "friction, or a friction model that is wrong, makes the response depend on phases and amplitudes",
+        "identify friction again and take it off (effective_input), or measure more realisations",
+    ),
     "unknown band": Kind(
         "nothing tells how far the response may be off",
         "one period without a stated noise, or a response without its coherence",

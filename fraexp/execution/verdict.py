@@ -43,13 +43,24 @@ def _parts(response: FrequencyResponse) -> dict[str, BandReach]:
     known = np.isfinite(response.covariance)
     scatter = np.where(known, response.covariance, 0.0)
     freedom = np.where(known.all(axis=(1, 2)), degrees_of_freedom(response), np.inf)
+    noise = scatter * _noise_share(response)[:, None, None]
     nothing = replace(response, covariance=0 * scatter, freedom=None, model_covariance=None, numerical_error=None)
     return {
         "band by friction": BandReach.of(replace(nothing, model_covariance=response.model_covariance)),
-        "band by noise": BandReach.of(replace(nothing, covariance=scatter, freedom=freedom)),
+        "band by noise": BandReach.of(replace(nothing, covariance=noise, freedom=freedom)),
+        "band by distortion": BandReach.of(replace(nothing, covariance=scatter - noise, freedom=freedom)),
         "unknown band": BandReach.of(replace(nothing, covariance=np.where(known, 0.0, np.nan))),
         "inexact computation": BandReach.of(replace(nothing, numerical_error=response.numerical_error)),
     }
+
+
+def _noise_share(response: FrequencyResponse) -> NDArray[np.float64]:
+    """Return the share of noise in the scatter, shape (n,); the rest is what differs between realisations."""
+    if response.noise_variance is None:
+        return np.ones(response.frequency.size)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = response.noise_variance / response.standard_deviation**2
+    return np.asarray(np.where(share < 1, share, 1.0))
 
 
 def _too_wide(
