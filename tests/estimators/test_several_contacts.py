@@ -136,9 +136,9 @@ def test_a_method_for_one_contact_refuses_a_model_for_each(registry):
     frictions = {"motor": MOTOR.spec(), "load": LOAD.spec()}
     with pytest.raises(
         ParameterError,
-        match=r"^friction_model_test takes one.*2 contacts \(motor, load\); use effective_input or maximum_likelihood",
+        match=r"^hysteresis takes one.*2 contacts \(motor, load\); use effective_input or maximum_likelihood",
     ):
-        registry.create("estimator", {"name": "friction_model_test"}, {"friction": frictions})
+        registry.create("estimator", {"name": "hysteresis"}, {"friction": frictions})
 
 
 def test_a_plant_is_inherited_beside_several_contacts_only(registry):

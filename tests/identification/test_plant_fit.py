@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
-from fraexp_plugins.estimators.friction_model_test import FrictionModelTest
-from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.identification.plant._modal_solver import whiteness
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
@@ -248,11 +246,6 @@ def test_what_the_signals_say_is_passed_on(signals):
     assert "too few" in result.message
     assert result.fits == ()
     assert result.response is not None
-
-
-def test_a_method_without_realisations_speaks_for_itself(signals):
-    with pytest.raises(RecordError, match="friction_model_test"):
-        ModalFit(method=FrictionModelTest(friction=Frictionless())).estimate(signals)
 
 
 def test_whiteness():
