@@ -116,7 +116,8 @@ def _noise_limits(response: FrequencyResponse) -> ConfidenceLimits:
 
 def _inverse(response: FrequencyResponse) -> NDArray[np.complex128]:
     """Return 1/Ĝ, shape (n,); NaN where nothing moves."""
-    return np.asarray(1 / np.where(response.response == 0, np.nan, response.response))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(1 / np.where(response.response == 0, np.nan, response.response))
 
 
 def inverse_covariance(response: FrequencyResponse) -> InverseCovariance:
@@ -154,7 +155,8 @@ def _inverse_limits(response: FrequencyResponse) -> ConfidenceLimits:
     edge = np.where(has_origin, plane, interval_factor(freedom))[:, None, None] * (
         axes @ np.stack([np.cos(angle), np.sin(angle)])
     )
-    ratio = (inverse[:, None] + edge[:, 0] + 1j * edge[:, 1]) / inverse[:, None]  # of 1/G to 1/Ĝ: on the limit
+    with np.errstate(invalid="ignore"):  # where nothing moves
+        ratio = (inverse[:, None] + edge[:, 0] + 1j * edge[:, 1]) / inverse[:, None]  # of 1/G to 1/Ĝ: on the limit
     size, phase = np.abs(ratio), np.unwrap(np.angle(ratio), axis=1)
     with np.errstate(divide="ignore"):
         magnitude = np.stack([1 / size.max(axis=1), np.where(has_origin, np.inf, 1 / size.min(axis=1))])

@@ -15,10 +15,11 @@ from fraexp_plugins.friction.composite import Composite
 from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.friction.none import Frictionless
 
+from fraexp.analysis.band_reach import BandReach
 from fraexp.data.results import Outcome
 from fraexp.data.signals import Signals
 from tests.examples import some, thorough
-from tests.machines import TABLE, decibel, excited, guide, simulated, table_models
+from tests.machines import FRICTIONLESS, TABLE, decibel, excited, guide, simulated, table_models
 from tests.responses import judged
 
 COULOMB = Coulomb(coulomb_force=17.9, viscous_coefficient=4.69)
@@ -56,6 +57,15 @@ def test_a_machine_that_sticks_is_not_ok_and_says_how_far_it_is_off(friction, am
     assert found.outcome is Outcome.INACCURATE
     assert error.max() > 0.5
     assert estimated_error(found) == pytest.approx(error.max(), rel=0.5)
+
+
+def test_an_ideal_encoder_does_not_show_the_force_of_a_set_valued_law():
+    """Its stop of a nanometre is numerical; an integral action creeps within it by a picometre."""
+    signals = simulated(FRICTIONLESS, LOW, 12.0)
+    creeping = [replace(each, channels={**each.channels, "y": 1e-9 * each.channels["y"]}) for each in signals.segments]
+    found = judged(EffectiveInput(friction=COULOMB, **DELAYS), replace(signals, segments=tuple(creeping)))
+    assert "hidden by standstill" in [each.kind for each in found.findings]
+    assert not BandReach.of(found.response).is_within().any()
 
 
 def test_a_method_behind_the_observer_is_checked_as_the_observer_alone():

@@ -62,9 +62,9 @@ class HiddenForce(NamedTuple):
 def hidden_forces(observer: ObserverEstimator, segments: Sequence[Segment]) -> list[HiddenForce | None]:
     """Return what standstill hides from the observer in each segment; None where the motion shows all of the force.
 
-    It does if the encoder shows the motion within which friction sticks, and the motion between samples changes the
-    force by less than 5 %. Other laws leave their force open while the machine stands. It then balances the input:
-    û_e vanishes, but for the free vibration of what hangs on the machine. Setting û_e to zero there gives another
+    It does if friction is a function of the motion, the encoder shows the one within which it sticks, and that between
+    samples changes the force by less than 5 %. Else the force is open while the machine stands: it balances the input,
+    û_e vanishes but for the free vibration of what hangs on the machine. Setting û_e to zero there gives another
     estimate of the plant. Its difference from the one found is what can be known of the error without a model of the
     plant; where the machine stands for a large part of a period it is an order of magnitude. At a reversal without
     standstill such a force jumps half a point of the interpolated motion too late.
@@ -97,7 +97,8 @@ def _find_doubts(observer: ObserverEstimator, segments: Sequence[Segment]) -> li
     if min(greatest, stiffness) <= 0:
         return []
     stop = observer.displacement_scale * greatest / observer.force_scale / stiffness
-    unseen = [(index, _unseen_motion(observer, segment, stop)) for index, segment in enumerate(segments)]
+    hidden = stop if friction.velocity_law else _hidden_motion(observer, stop)  # set-valued: its stop is no motion
+    unseen = [(index, max(hidden, _unsampled_motion(observer, each))) for index, each in enumerate(segments)]
     unseen = [(index, motion) for index, motion in unseen if motion >= MIN_HIDDEN_SHARE * stop]  # without the law
     motions = [
         Motion(np.array([0.0, motion / observer.displacement_scale]), segments[index].sample_time)
@@ -138,14 +139,13 @@ def _hidden_force(
     )
 
 
-def _unseen_motion(observer: ObserverEstimator, segment: Segment, stop: float) -> float:
-    """Return the motion [m] within which the record cannot show whether the machine stands.
+def _hidden_motion(observer: ObserverEstimator, stop: float) -> float:
+    """Return the motion [m] within which the encoder cannot show whether the machine stands; 0 if it shows a part.
 
-    What the encoder hides counts if it covers the whole stop. Within the stop friction is a function of the motion: a
-    smaller part of it is drawn with the possible motions. What lies between samples is not.
+    Within the stop friction is a function of the motion: a part of it is drawn with the possible motions.
     """
     encoder = float(observer.resolution / 2 + NOISE_STDS * np.sqrt(2) * observer.noise)
-    return max(encoder if encoder >= stop else 0.0, _unsampled_motion(observer, segment))
+    return encoder if encoder >= stop else 0.0
 
 
 def _unsampled_motion(observer: ObserverEstimator, segment: Segment) -> float:
