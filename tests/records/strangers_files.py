@@ -66,8 +66,8 @@ def check_response(with_friction: Result, without: Result) -> None:
     errors = []
     for result in (with_friction, without):
         kinds = {each.kind for each in result.findings}  # nothing of what these methods do not need
-        assert kinds <= (
-            {"hidden by standstill", "band by friction", "band by noise"} if result is without else set()
+        assert kinds <= {"band by noise"} | (
+            {"hidden by standstill", "band by friction"} if result is without else set()
         ), kinds
         response = result.response
         assert response is not None
