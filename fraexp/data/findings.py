@@ -183,7 +183,9 @@ class Quantity:
     def __str__(self) -> str:
         """Return its words: ``error of the response 0.3 dB at 5 Hz``."""
         factor, prefix = self._scale
-        number = f"{factor * self.value:.4g} {prefix}{with_powers(self.unit)}".removesuffix(" 1").rstrip()
+        number = (
+            f"{factor * self.value:.4g} {prefix}{with_powers(self.unit)}".removesuffix(" 1").replace(" °", "°").rstrip()
+        )
         number = "without bound" if math.isinf(self.value) else number
         where = "" if self.frequency is None else f"at {self.frequency:.4g} Hz"
         return " ".join(filter(None, (self.name, number, where)))

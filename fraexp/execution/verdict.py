@@ -69,7 +69,7 @@ def _too_wide(
     worst = int(np.argmax(np.where(where, reach.magnitude, -1.0)))
     quantities = (
         Quantity(float(reach.magnitude[worst]), "dB", "band", float(frequency[worst])),
-        Quantity(accuracy.magnitude, "dB", "expected"),
-        Quantity(math.degrees(accuracy.phase), "°", "and"),
+        Quantity(accuracy.magnitude, "dB", "accuracy"),
+        Quantity(math.degrees(accuracy.phase), "°"),
     )
     return Finding(kind, quantities, tuple(map(float, frequency[where])), where.size)
