@@ -16,6 +16,7 @@ from tests.examples import some
 from tests.machines import TABLE, decibel, simulated
 from tests.physics.coupled_events import Dry, EventLoop, Stop
 from tests.physics.test_contacts import AMPLITUDES, CONTROLLERS, SAMPLE, TwoPlaces, example, responses
+from tests.responses import judged
 
 DRIVE = TwoMass(motor_mass=3.0, load_mass=5.0, stiffness=2e5, damping=20.0)
 CONTROLLER = CONTROLLERS["two_mass"]
@@ -154,7 +155,7 @@ def test_the_proposed_method_says_how_far_standstill_may_put_it_off():
     frictions = {"motor": Coulomb(coulomb_force=8.0), "load": Coulomb(coulomb_force=6.0)}
     signals = replace(on_drive(frictions, (2.0, 3.0), 90.0), verification=None)
     estimator = EffectiveInput(frictions=frictions, nominal_plant=DRIVE, input_dead_time=1e-3)
-    found = estimator.estimate(signals)
+    found = judged(estimator, signals)
     plant = DRIVE.ports().response(2 * np.pi * found.response.frequency)
     error = np.abs(decibel(plant / found.response.response)).max()
     assert found.outcome is Outcome.INACCURATE
@@ -168,7 +169,7 @@ def test_motion_that_shows_dry_friction_is_ok(place):
     frictions = {"motor": BARELY, "load": BARELY, place: Coulomb(coulomb_force=5.0)}
     signals = on_drive(frictions, (15.0, 25.0), 40.0)
     estimator = EffectiveInput(frictions=frictions, nominal_plant=DRIVE, input_dead_time=1e-3)
-    found = estimator.estimate(signals)
+    found = judged(estimator, signals)
     plant = DRIVE.ports().response(2 * np.pi * found.response.frequency)
     assert found.outcome is Outcome.OK
     assert np.abs(plant / found.response.response - 1).max() < 0.01
