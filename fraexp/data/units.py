@@ -16,6 +16,7 @@ def _registry() -> "pint.UnitRegistry[float]":
 
     registry: pint.UnitRegistry[float] = pint.UnitRegistry(cache_folder=None)
     registry.define("@alias turn = rev")
+    registry.define("level_in_decibels = [level]")  # pint's own is logarithmic: no factor converts it
     return registry
 
 
@@ -51,7 +52,7 @@ def _split_number(text: str) -> tuple[str, str]:
     """Return number and unit of a text such as ``10 mm`` or ``10mm``."""
     head, _, tail = text.partition(" ")
     found = NUMBER.match(head)
-    if found and found.end() < len(head) and not tail and head[found.end()].isalpha():
+    if found and found.end() < len(head) and not tail and (head[found.end()].isalpha() or head[found.end()] == "°"):
         return found[0], head[found.end() :]
     return head, tail
 
@@ -78,6 +79,7 @@ NAMED = ("N", "V", "N*m", "W", "Pa", "N/m", "V/m")
 
 SPELLINGS = {
     "": "dimensionless", "1": "dimensionless", "U/min": "rpm", "r/min": "rpm", "U/s": "rev/s", "r/s": "rev/s",
+    "dB": "level_in_decibels",
     "Sec": "s", "amp": "A", "amps": "A", "Amp": "A", "Amps": "A",
 }  # fmt: skip
 """What people write, and pint reads otherwise (its U is that of enzymes, its amps an am/s)."""

@@ -1,5 +1,7 @@
 """The section ``[accuracy]`` of a study."""
 
+import math
+
 from fraexp.analysis.band_reach import USUAL_MAGNITUDE, USUAL_PHASE
 from fraexp.components.parameters import Parameters, param
 
@@ -7,5 +9,5 @@ from fraexp.components.parameters import Parameters, param
 class Accuracy(Parameters):
     """How far a response may be off at most, at 95 %."""
 
-    magnitude: float = param("1", "greatest error of the magnitude [dB]", USUAL_MAGNITUDE, above=0)
-    phase: float = param("rad", "greatest error of the phase, such as '3 deg'", USUAL_PHASE, above=0)
+    magnitude: float = param("dB", "greatest error of the magnitude", USUAL_MAGNITUDE, above=0)
+    phase: float = param("rad", "greatest error of the phase, such as '3 deg'", USUAL_PHASE, above=0, at_most=math.pi)

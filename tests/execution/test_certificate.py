@@ -85,6 +85,11 @@ def test_a_band_is_judged_by_the_accuracy_of_the_study(accuracy: dict, kinds: li
 def test_an_accuracy_of_nothing_is_refused():
     with pytest.raises(ParameterError, match="magnitude"):
         Accuracy.parse({"magnitude": 0.0}, "accuracy")
+    assert Accuracy.parse({"magnitude": "1 dB", "phase": "5°"}, "accuracy") == Accuracy(
+        magnitude=1, phase=np.radians(5)
+    )
+    with pytest.raises(ParameterError, match="phase is 5; "):  # degrees without a word
+        Accuracy.parse({"phase": 5}, "accuracy")
 
 
 @pytest.mark.parametrize(("steps", "outcome"), [(0, Outcome.OK), (2, Outcome.INACCURATE)])
