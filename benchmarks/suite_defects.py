@@ -98,8 +98,8 @@ DEFECTS = (
         "tests/study/test_random_draws.py",
     ),
     Defect(
-        "prefix milli", "fraexp/data/units.py", "return value * factor(tail.strip(), unit) if",
-        "return value / factor(tail.strip(), unit) if", "tests/data/test_units.py",
+        "prefix milli", "fraexp/data/units.py", "else value * factor(tail.strip(), unit)",
+        "else value / factor(tail.strip(), unit)", "tests/data/test_units.py",
     ),
     Defect(
         "settled from 100 times the tolerance on", "fraexp/kernels/settling.py",

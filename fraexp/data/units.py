@@ -16,7 +16,6 @@ def _registry() -> "pint.UnitRegistry[float]":
 
     registry: pint.UnitRegistry[float] = pint.UnitRegistry(cache_folder=None)
     registry.define("@alias turn = rev")
-    registry.define("level_in_decibels = [level]")  # pint's own is logarithmic: no factor converts it
     return registry
 
 
@@ -24,9 +23,10 @@ def factor(unit: str, expected: str) -> float:
     """Return what a number in `unit` is multiplied by to be in `expected`; ParameterError if it cannot be."""
     import pint
 
+    given = _quantity(unit)
     try:
-        return float(_quantity(unit).to(_quantity(expected).units).magnitude)
-    except pint.DimensionalityError:
+        return float(given.to(_quantity(expected).units).magnitude)
+    except (pint.DimensionalityError, ParameterError):  # of a level in dB no unit is a factor
         raise ParameterError(f"'{unit}' is not a unit of the same kind as '{expected}'") from None
 
 
@@ -42,7 +42,7 @@ def number(text: str, unit: str) -> float:
             "a number; expected one like 2" if unit == "1" else f"a number with a unit; expected one like '1.5 {unit}'"
         )
         raise ParameterError(f"'{text}' is not {like}") from None
-    return value * factor(tail.strip(), unit) if tail.strip() else value
+    return value if tail.strip() in ("", unit) else value * factor(tail.strip(), unit)
 
 
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
@@ -79,7 +79,6 @@ NAMED = ("N", "V", "N*m", "W", "Pa", "N/m", "V/m")
 
 SPELLINGS = {
     "": "dimensionless", "1": "dimensionless", "U/min": "rpm", "r/min": "rpm", "U/s": "rev/s", "r/s": "rev/s",
-    "dB": "level_in_decibels",
     "Sec": "s", "amp": "A", "amps": "A", "Amp": "A", "Amps": "A",
 }  # fmt: skip
 """What people write, and pint reads otherwise (its U is that of enzymes, its amps an am/s)."""

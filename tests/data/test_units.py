@@ -19,6 +19,8 @@ from fraexp.records.quantities import si_unit
         (".1um", "m", 1e-7),
         ("5 N s/m", "N s/m", 5.0),
         ("3", "m", 3.0),
+        ("3 dB", "dB", 3.0),
+        ("5°", "rad", math.radians(5)),
         ("1e-3", "1", 1e-3),
     ],
 )
@@ -30,6 +32,12 @@ def test_a_blank_before_the_unit_may_be_left_out(text, unit, value):
 def test_what_is_no_number_with_such_a_unit_is_refused(text):
     with pytest.raises(ParameterError):
         number(text, "m")
+
+
+def test_a_level_is_no_unit_of_a_column_or_of_another_parameter():
+    for read in (lambda: si("dB"), lambda: number("3 dB", "1"), lambda: number("3 mm", "dB")):
+        with pytest.raises(ParameterError):
+            read()
 
 
 @pytest.mark.parametrize(
