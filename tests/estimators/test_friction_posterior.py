@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.dahl import Dahl
+from scipy import stats
 
 from fraexp.analysis.band_reach import USUAL_MAGNITUDE, BandReach
 from fraexp.analysis.confidence import confidence_limits
@@ -98,11 +99,11 @@ def test_a_mode_between_two_frequencies_does_not_mislead(scale):
 def test_no_ok_is_wrong(scale, amplitude, low, high, points):
     """Whatever the harmonics can tell, the band holds the plant, and where it is narrow the plant is there.
 
-    A model errs alike at all points, so that few models show little of 95 %: a band of 99.9 % is asked for.
+    A model errs alike at all points: what has to hold it is the shadow of the ellipse of 95 %, of both parts at once.
     """
     record = simulated(guide(), tuple(np.geomspace(low, high, points)), amplitude, resolution=1e-7, tolerance=1e-4)
     found = estimated(record, force_scale=scale)
-    response, wider = found.response, (3.29 / 1.96) ** 2
+    response, wider = found.response, stats.chi2.ppf(0.95, 2) / stats.norm.ppf(0.975) ** 2
     wide = {name: wider * getattr(response, name) for name in ("covariance", "model_covariance")}
     error, holds = errors(replace(found, response=replace(response, **wide)))
     assert holds.mean() > 0.85
