@@ -82,7 +82,8 @@ KINDS: Mapping[str, Kind] = {
     "unknown band": Kind(
         "nothing tells how far the response may be off",
         "one period without a stated noise, or a response without its coherence",
-        "record two periods or more, state the noise of the encoder, or state the coherence of a response",
+        "record two periods or more, state the noise of the encoder or the coherence of a response, or fit a plant "
+        "(modal_fit), whose residuals tell",
     ),
     "few encoder steps": Kind(
         "the motion is of few encoder steps, and no noise blurs its rounding",

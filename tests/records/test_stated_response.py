@@ -71,6 +71,18 @@ def test_a_response_comes_back_as_it_was_stated(tmp_path: Path, bode: Path) -> N
     assert np.isnan(known.standard_deviation).all()
 
 
+def test_a_fit_takes_the_scatter_that_nobody_stated_from_its_residuals(tmp_path: Path) -> None:
+    noise = np.random.default_rng(3).standard_normal((2, FREQUENCY.size)).T @ [1, 1j]
+    s = 2j * np.pi * FREQUENCY
+    truth = 1 / (MASS * s**2) * (1 + 0.3 * s**2 / (s**2 + 2 * 0.03 * 500 * s + 500**2))
+    path = write_bode(tmp_path / "noisy.csv", truth * (1 + 3e-3 * noise))
+    recording = fraexp.read_record(path, CHANNELS, response_unit="mm/N")
+    found = fraexp.estimate(recording, "modal_fit", method={"name": "conventional"})
+    assert found.outcome == "ok"
+    relative = found.frequency_response.standard_deviation / np.abs(found.response)
+    np.testing.assert_allclose(relative, 3e-3 * np.sqrt(2), rtol=0.5)
+
+
 def test_friction_is_taken_off_by_its_describing_function(bode: Path) -> None:
     recording = fraexp.read_record(bode, CHANNELS, response_unit="mm/N", input_amplitude="25 N")
     friction = {"name": "rolling", "stiffness": [STIFFNESS], "limit_force": [FORCE]}

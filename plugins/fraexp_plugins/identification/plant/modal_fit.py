@@ -18,6 +18,7 @@ from fraexp.api import (
     RecordError,
     Result,
     Signals,
+    degrees_of_freedom,
     param,
     remarks,
 )
@@ -179,7 +180,7 @@ def _size_in_stds(solution: Solution, name: str) -> float:
     return float(solution.p[place] / np.sqrt(solution.covariance[place, place]))
 
 
-class ModalFit(Estimator, name="modal_fit", version=6):
+class ModalFit(Estimator, name="modal_fit", version=7):
     """P_d(s) e^{-Ls} of the paper's eq (1), fitted to the response of `method`: rigid body, modes and dead time.
 
     Minimises Σ w_k |ln(G_m(jω_k)/Ĝ_k)|², the weighted logarithmic residual (J. D. Sidman, F. E. DeAngelis and
@@ -195,7 +196,8 @@ class ModalFit(Estimator, name="modal_fit", version=6):
 
     Where the response is inaccurate outside the frequency range of the fit only, the fit is ok.
 
-    A fit that leaves more than 10 % of the response unexplained by noise is inaccurate.
+    A fit that leaves more than 10 % of the response unexplained by noise is inaccurate. Where nothing else tells the
+    scatter of the response, such as one that another program measured, the residuals do.
 
     The curves `resonances` and `antiresonances` list poles and complex zeros within the frequency range: frequency,
     damping ratio, and magnitude of the fitted model.
@@ -273,6 +275,7 @@ class ModalFit(Estimator, name="modal_fit", version=6):
             found = replace(found, outcome=Outcome.OK, findings=tuple(outside))
         return replace(
             found,
+            response=fit.response,
             outcome=fit.outcome if found.outcome is Outcome.OK else found.outcome,
             findings=(*found.findings, *fit.findings),
             metrics=(*found.metrics, *fit.metrics),
@@ -302,11 +305,19 @@ class ModalFit(Estimator, name="modal_fit", version=6):
         return Result(
             Outcome.INACCURATE if solution.unexplained > MAX_UNEXPLAINED else Outcome.OK,
             remarks(*causes, *_remarks(solution)),
-            response,
+            self._with_scatter(response, solution),
             tuple(self._metrics(solution, response.unit)),
             (_model_curve(solution, response.unit), _error_curve(solution), *extremum_curves(solution, response.unit)),
             (self._fit(solution, response.unit),),
         )
+
+    def _with_scatter(self, response: FrequencyResponse, solution: Solution) -> FrequencyResponse:
+        """Return a response whose scatter, where it is unknown and fitted, is that of the residuals."""
+        unknown = ~np.isfinite(response.covariance).all(axis=(1, 2)) & self.relies_on(response.frequency)
+        variance = (solution.residual * np.abs(response.response)) ** 2 / solution.data.parts
+        covariance = np.where(unknown[:, None, None], variance[:, None, None] * np.eye(2), response.covariance)
+        freedom = np.where(unknown, max(solution.data.count - solution.p.size, 1), degrees_of_freedom(response))
+        return replace(response, covariance=covariance, freedom=freedom) if unknown.any() else response
 
     def log_data(self, response: FrequencyResponse, common: NDArray[np.complex128] | None = None) -> LogResponse:
         """Return what is fitted; `common` are relative errors that all frequencies share, shape (n, k)."""
