@@ -6,25 +6,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.components.kinds import Estimator
-from fraexp.data.findings import Finding, Quantity, at_worst
+from fraexp.data.findings import Finding, Quantity
 from fraexp.data.results import FrequencyResponse, Metric, Outcome, Result
 from fraexp.data.signals import Signals, Verification
 from fraexp.errors import FraexpError
 
-COMPENSATED_ERROR_RATIO = 100.0
-"""Tolerated error of a response without friction, over that of y/u: the effective input is a small difference."""
 NUMERICAL_ERROR = "numerical error"
 """Name of the metric that tells how far the computation may have falsified a motion, relative to its range."""
 SAME_FREQUENCY = 1e-9
 """Relative difference of two frequencies that are the same."""
-MOTION_REMEDY = "the sampled motion does not show all of the friction force; raise the amplitude"
 
 
 def certify(estimator: Estimator, signals: Signals, result: Result, tolerance: float) -> Result:
-    """Return a result with its numerical error, and not as ok where that exceeds the tolerance.
+    """Return a result with its numerical error; without a response, not as ok where it exceeds the tolerance.
 
     The error of a response is known at each frequency, and is added to that which the estimator states of its own
-    computation; that of metrics and curves is a metric, the error of the motion.
+    computation: a part of its band. That of metrics and curves is a metric, the error of the motion.
     A result whose signals were not verified is returned as it is.
     """
     verification = signals.verification
@@ -42,9 +39,7 @@ def certify(estimator: Estimator, signals: Signals, result: Result, tolerance: f
     own = 0.0 if result.response.numerical_error is None else result.response.numerical_error
     stands = standing >= 1
     response = replace(result.response, numerical_error=found + own, settled=result.response.settled & ~stands)
-    limit = tolerance if compensated is None else tolerance * COMPENSATED_ERROR_RATIO
-    complaint = _complaint(response, found, limit, verification.remedy if compensated is None else MOTION_REMEDY)
-    return _with_standstill(replace(result, response=response).with_findings(complaint, is_doubt=True), stands)
+    return _with_standstill(replace(result, response=response), stands)
 
 
 def _standing_error(response: FrequencyResponse, verification: Verification) -> NDArray[np.float64]:
@@ -136,11 +131,3 @@ def spread_error(
     right = np.clip(np.searchsorted(at, frequency * (1 - SAME_FREQUENCY)), 0, at.size - 1)
     left = np.clip(np.searchsorted(at, frequency * (1 + SAME_FREQUENCY), side="right") - 1, 0, at.size - 1)
     return np.asarray(np.maximum(values[left], values[right]))
-
-
-def _complaint(response: FrequencyResponse, error: NDArray[np.float64], limit: float, remedy: str) -> Finding | None:
-    """Return how far a response is off, where, and what helps; None if its error is within the limit."""
-    beyond = response.settled & (np.nan_to_num(error, posinf=np.inf) > limit)
-    if not beyond.any():
-        return None
-    return at_worst("inexact computation", response.frequency, beyond, error, "response off by", remedy=remedy)

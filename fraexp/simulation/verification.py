@@ -187,10 +187,7 @@ def _amplitudes(segments: Sequence[Segment], position: str) -> NDArray[np.float6
 def _steps_remedy(machine: Machine, setup: Setup) -> str:
     chosen = machine.numerics.steps_per_sample
     steps = "to 0, which chooses them" if chosen else f"above {setup.steps}, which were chosen"
-    return (
-        f"set numerics.steps_per_sample {steps}, raise numerics.tolerance, or, where the machine hardly moves, the "
-        "amplitude"
-    )
+    return f"set numerics.steps_per_sample {steps}, or, where the machine hardly moves, raise the amplitude"
 
 
 def verify_driven(friction: FrictionModel, segments: tuple[Segment, ...]) -> Verification:

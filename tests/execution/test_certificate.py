@@ -33,13 +33,14 @@ EXPERIMENT = {
 }
 
 
-def computed(friction: dict, steps: int = 0, amplitude: float = 25.0, frequency: float = 2.94) -> list[Result]:
+def computed(friction: dict, steps: int = 0, frequency: float = 2.94, accuracy: float = 0.5) -> list[Result]:
     """Return what both methods find on a table at one frequency and its double."""
     experiment = {
         **EXPERIMENT,
         "friction": friction,
-        "excitation": {**SINE, "amplitude": amplitude, "frequencies": [frequency, 2 * frequency]},
+        "excitation": {**SINE, "frequencies": [frequency, 2 * frequency]},
         "numerics": {"tolerance": 1e-4, "steps_per_sample": steps},
+        "accuracy": {"magnitude": accuracy},
     }
     observer = {"name": "effective_input", "friction": friction, "input_dead_time": 1e-3}
     results = run_job(Job(experiment, ({"name": "conventional"}, observer)), lambda _: None)
@@ -63,10 +64,11 @@ def test_a_machine_without_trouble_is_ok():
         assert 0 < result.response.numerical_error.max() < 0.01
 
 
-def test_too_few_steps_are_said():
-    result, _ = computed(ELEMENTS, steps=1, frequency=40.0)
-    assert result.outcome is Outcome.INACCURATE
-    assert "set numerics.steps_per_sample to 0" in result.message
+@pytest.mark.parametrize(("accuracy", "kinds"), [(0.5, []), (0.002, ["inexact computation"])])
+def test_too_few_steps_are_said_where_they_matter(accuracy: float, kinds: list):
+    result, _ = computed(ELEMENTS, steps=1, frequency=40.0, accuracy=accuracy)
+    assert [found.kind for found in result.findings] == kinds
+    assert result.outcome is (Outcome.INACCURATE if kinds else Outcome.OK)
 
 
 @pytest.mark.parametrize(
@@ -137,21 +139,6 @@ def test_what_the_motion_does_not_show_is_known_at_every_frequency(registry: Reg
     assert np.all(error <= right.response.numerical_error)
     assert np.all(right.response.numerical_error <= error + 1e-4)
     assert wrong.response.numerical_error == pytest.approx(right.response.numerical_error)
-
-
-def test_a_doubt_of_the_estimator_leaves_that_of_the_computation():
-    """The message must name all frequencies that do not hold: a reader takes the others as they are."""
-    signals = simulated(guide(), (5.0, 20.0, 80.0), 12.0, tolerance=1e-4)
-    found = replace(Conventional().estimate(signals), outcome=Outcome.INACCURATE, findings=remarks("noise at 5 Hz"))
-    error = np.array([1e-6, 1e-2, 2e-2])
-    frequency = found.response.frequency
-    verification = Verification(frequency, error, signals.segments, {"y": np.ones(3, complex)}, {})
-    result = certify(Conventional(), replace(signals, verification=verification), found, 1e-4)
-    assert result.outcome is Outcome.INACCURATE
-    noise, inexact = result.findings
-    assert (noise.text, inexact.kind, inexact.examined) == ("noise at 5 Hz", "inexact computation", 3)
-    assert inexact.frequencies == tuple(frequency[1:])
-    assert inexact.quantities[0] == Quantity(pytest.approx(0.1755, rel=1e-3), "dB", "response off by", frequency[2])
 
 
 def test_an_error_that_the_estimator_states_itself_is_added():
