@@ -6,9 +6,9 @@
 
 Mass, modes, damping, dead times, lags, friction of every kind, sample time, controller and amplitude are drawn. The
 encoder is ideal. At every point that fraexp calls ok the conventional response must lie within `numerics.tolerance`
-of the reference (`reference_loop`), and the proposed one (matched) within twice the tolerance of P(jω), or either within
-its band. Points that are not ok are listed with the reason. Where physics allows better, as the reference shows, they must
-be fewer than a tenth of all.
+of the reference (`reference_loop`), and the proposed one (matched) within twice the tolerance of P(jω), or either
+within its band. Points that are not ok are listed with the reason. Where physics allows better, as the reference shows,
+they must be fewer than a tenth of all.
 """
 
 from dataclasses import dataclass

@@ -85,11 +85,6 @@ KINDS: Mapping[str, Kind] = {
         "record two periods or more, state the noise of the encoder or the coherence of a response, or fit a plant "
         "(modal_fit), whose residuals tell",
     ),
-    "few encoder steps": Kind(
-        "the motion is of few encoder steps, and no noise blurs its rounding",
-        "each period is rounded alike, so that a mean over periods keeps the error",
-        "raise the amplitude, or use a finer encoder",
-    ),
     "hidden by standstill": Kind(
         "the motion does not show the friction force at standstill and reversal",
         "friction sticks: at standstill its force is unknown",

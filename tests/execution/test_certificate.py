@@ -9,7 +9,6 @@ from fraexp_plugins.estimators.conventional import Conventional
 
 from fraexp.components.kinds import Plant
 from fraexp.components.registry import Registry, create
-from fraexp.data.findings import Quantity, remarks
 from fraexp.data.results import Outcome, Result
 from fraexp.data.signals import Verification
 from fraexp.errors import ParameterError

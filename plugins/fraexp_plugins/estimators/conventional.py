@@ -16,11 +16,10 @@ class Conventional(PlantReferredEstimator, name="conventional", version=4):
     the amplitude, and is that at the input amplitude stated with it. Do not use it as a plant model unless friction is
     negligible at that amplitude.
 
-    The confidence band contains the rounding error that repeats in every period, and noise by the scatter over periods;
-    where that rounding alone makes it wider than 0.5 dB or 3°, the response is not ok. The encoder's step is
-    `resolution`, or that which the record shows. From four periods of a sine on, noise follows from the lines of the
-    record's spectrum beside the excited one, where friction gathers it. That of one simulated period follows from its
-    encoder.
+    The confidence band contains the rounding error that repeats in every period, and noise by the scatter over periods.
+    The encoder's step is `resolution`, or that which the record shows. From four periods of a sine on, noise follows
+    from the lines of the record's spectrum beside the excited one, where friction gathers it. That of one simulated
+    period follows from its encoder.
     """
 
     takes_responses: ClassVar[bool] = True

@@ -15,14 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
-    BandReach,
     Encoder,
-    Quantity,
     Result,
     Segment,
-    at_worst,
-    circle_factor,
-    degrees_of_freedom,
     grid_step,
     phasor_variance,
     record_spectrum,
@@ -209,11 +204,12 @@ def with_rounding(
 ) -> Result:
     """Return a result less the rounding of its output that repeats in every period, with the rest in its band.
 
-    Scatter over the periods does not show it. It is the smaller, the more the periods differ: noise is dither. A
-    response of one period is left as it is, and has no band: where its motion is of few encoder steps it is not ok.
+    Scatter over the periods does not show it. It is the smaller, the more the periods differ: noise is dither. That of
+    one period is left as it is: what is known of the encoder is its band.
     """
     response = found.response
-    if response is None or not resolution:
+    repeats = min((len(segment.channels[output]) for segment in segments), default=0) > 1
+    if response is None or not resolution or not repeats:
         return found
     parts = [_repeated_rounding(segment, output, resolution, encoder) for segment in segments]
     error, variance = (np.concatenate(each) for each in zip(*parts, strict=True))
@@ -222,21 +218,9 @@ def with_rounding(
         shown = response.standard_deviation**2
         freedom = np.inf if response.freedom is None else response.freedom
         freedom = np.where(shown > 0, freedom * (1 + known / shown) ** 2, np.inf)  # Welch and Satterthwaite
-    by_rounding = known[:, None, None] * (np.eye(2) / 2)
-    if min(len(segment.channels[output]) for segment in segments) > 1:
-        covariance = response.covariance + by_rounding
-        moved = replace(response, response=response.response * (1 - error), covariance=covariance, freedom=freedom)
-        return replace(found, response=moved)
-    alone = replace(response, covariance=by_rounding, model_covariance=None, freedom=np.full(known.size, np.inf))
-    coarse = response.settled & ~BandReach.of(alone).is_within()
-    if not coarse.any():
-        return found
-    step = Quantity(resolution, "m", "encoder step")
-    radius = circle_factor(degrees_of_freedom(alone)) * np.sqrt(known / 2) / np.abs(response.response)
-    finding = at_worst(
-        "few encoder steps", response.frequency, coarse, radius, "response off by up to", quantities=(step,)
-    )
-    return found.with_findings(finding, is_doubt=True)
+    covariance = response.covariance + known[:, None, None] * (np.eye(2) / 2)
+    moved = replace(response, response=response.response * (1 - error), covariance=covariance, freedom=freedom)
+    return replace(found, response=moved)
 
 
 def _repeated_rounding(
@@ -246,15 +230,13 @@ def _repeated_rounding(
     if segment.stated is not None:
         return np.zeros(segment.lines.size, dtype=complex), np.zeros(segment.lines.size)
     periods, noise = segment.channels[output], encoder.noise if encoder is not None else 0.0
-    if len(periods) > 1:
-        noise = max(noise, _noise_from_scatter(float(np.mean(np.var(periods, axis=0, ddof=1))), resolution))
+    noise = max(noise, _noise_from_scatter(float(np.mean(np.var(periods, axis=0, ddof=1))), resolution))
     motion = MeasuredMotion.of(segment, output, Encoder(noise, resolution))
     with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
         error = (motion.rounding / (motion.terms + motion.rounding))[motion.lines]
     if float(np.ptp(periods)) < 1.5 * resolution:  # it toggles, as with any smaller motion
         return error, np.abs(2 * (motion.terms + motion.rounding)[motion.lines]) ** 2
-    taken_off = repeated_share(resolution, motion.blur) if len(periods) > 1 else 0.0
-    left = max(repeated_share(resolution, noise) - taken_off, 0.0)
+    left = max(repeated_share(resolution, noise) - repeated_share(resolution, motion.blur), 0.0)
     return error, phasor_variance(segment, Encoder(0.0, resolution), output) * left
 
 
