@@ -156,6 +156,11 @@ KINDS: Mapping[str, Kind] = {
         "another unit, gain or sign, a delay, swapped columns, or another controller than the study's",
         "correct record.channels or record.controller",
     ),
+    "not verified": Kind(
+        "nothing shows that the columns are what they are said to be",
+        "an excitation is stated, and no loop to compare the record with",
+        "state the machine's controller in record.controller, u in N or N m, and y in m or rad",
+    ),
     REMARK: Kind("", "what is particular to an estimator or a record", "as the message says"),
 }
 """All kinds of findings by their names; `docs/troubleshooting.md` lists them."""

@@ -25,16 +25,19 @@ def record_section(
     return {
         "file": relative_file(samples, folder),
         "channels": channels,
-        **known_controller(task),
-        "segments": segments,
+        **played_loop(task, segments),
     }
 
 
-def known_controller(task: MeasurementTask) -> dict[str, Any]:
-    """Return the key of [record] with the controller whose answer to y is in u; empty if more than that is in u."""
+def played_loop(task: MeasurementTask, segments: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the keys of [record] with the segments that were played, and the controller whose answer to y is in u.
+
+    If more than that is in u, nothing can be compared: then neither controller nor excitation is stated.
+    """
     controller = task.experiment.get("controller", {})
-    is_one = "name" in controller and "compensation" not in task.experiment
-    return {"controller": without_versions(controller)} if is_one else {}
+    if "name" in controller and "compensation" not in task.experiment:
+        return {"controller": without_versions(controller), "segments": [dict(one) for one in segments]}
+    return {"segments": [{key: one[key] for key in one if key != "excitation"} for one in segments]}
 
 
 def relative_file(file: Path, folder: Path) -> str:

@@ -90,14 +90,16 @@ def column_doubts(
     units: Mapping[str, str],
     controller: Sequence[Sequence[float]] | None,
 ) -> tuple[Finding, ...]:
-    """Return what is wrong with the columns of a record that was played; empty if nothing is.
+    """Return what is wrong with the columns of a record that was played, or unverified; empty if nothing is.
 
     Where the controller is known, what it answers to the position is looked for in the control input. That says more
-    than amplitudes that were predicted, which count where it says nothing.
+    than amplitudes that were predicted, which count where it says nothing. A record with its excitation and without a
+    loop to compare it with is not verified, whatever the amplitudes: they cannot take the place of the comparison.
     """
     predicted = [cut.expected for cut in cuts]
     if controller is None or (units.get("u"), units.get("y")) not in LOOP_UNITS:
-        return prediction_doubts(segments, predicted, units)
+        unverified = (Finding("not verified", place="'u' and 'y'"),) if any(cut.excitation for cut in cuts) else ()
+        return prediction_doubts(segments, predicted, units) + unverified
     known = LoopController(*(np.array(part) for part in controller))
     verdict = judge_columns(segments, [cut.excitation for cut in cuts], known)
     own = (fault_finding(verdict.fault, units),) if verdict.fault else ()
@@ -182,7 +184,8 @@ DELAYED = {
 TEXTS = {
     FaultKind.ALONE: (
         "'u' is the excitation alone, without what the controller makes of 'y'",
-        "record the controller's whole output, or delete record.controller if the machine has no feedback",
+        "record the controller's whole output; if the machine has no feedback, state that with record.controller = "
+        '{name = "transfer_function", numerator = [0], denominator = [1]}',
     ),
     FaultKind.FEEDBACK: (
         "'u' is what the controller makes of 'y', without the excitation",
@@ -199,12 +202,12 @@ TEXTS = {
     FaultKind.COMPENSATION: (
         "'u' has {factor:.3g} {unit} in the direction of motion beside the excitation minus what the controller makes "
         "of 'y', as by a friction compensation of the machine",
-        "switch it off while the machine is measured, or delete record.controller if 'u' is all that the drive gets",
+        "switch it off while the machine is measured",
     ),
     FaultKind.UNKNOWN: (
         "'u' is not the excitation minus what the controller makes of 'y', and no factor or delay explains it",
-        "correct record.controller if the machine has another one, or delete it if that is not known; else see what "
-        "the columns are, and whether the record begins with the excitation and has its sample time",
+        "state the machine's own numbers in record.controller; if they are right, correct column, sign and unit of 'u' "
+        "and 'y' in record.channels, sample_rate, or the start of record.segments",
     ),
 }
 """What else was found, and the remedy."""

@@ -18,7 +18,7 @@ from fraexp.execution.job import apply_estimator
 from fraexp.measurement.consent import Consent, missing_consent
 from fraexp.measurement.excitation_files import ExcitationTable
 from fraexp.measurement.measured_points import MeasuredPoint, MeasurementFiles
-from fraexp.measurement.measured_study import known_controller, record_section, record_study, relative_file
+from fraexp.measurement.measured_study import played_loop, record_section, record_study, relative_file
 from fraexp.measurement.measurement import Measurement, MeasurementEvent, MeasurementNotice, PointMeasured
 from fraexp.measurement.measurement_plan import MeasurementPlan, plan_measurement
 from fraexp.measurement.play_demands import Report
@@ -120,8 +120,7 @@ class MeasurementService:
             "file": relative_file(record, path.parent),
             "sample_rate": 1 / table.sample_time,
             "channels": {"u": f"u [{table.unit}]", "y": "y [rad]" if rotary else "y [m]"},
-            **known_controller(task),
-            "segments": table.segments(),
+            **played_loop(task, table.segments()),
         }
         data = record_study([task], [section], f"{task.title}, recorded")
         if path.exists() and not is_same_study(path, data) and not force:

@@ -11,6 +11,7 @@ from drawn_machines import LAWS, drawn_machine
 from fraexp.components.kinds import Excitation
 from fraexp.components.registry import Registry, create
 from fraexp.data.results import Outcome
+from fraexp.data.signals import Signals
 from fraexp.errors import LimitError, MachineError, RecordError
 from fraexp.measurement import measurement_plan
 from fraexp.measurement.excitation_files import ExcitationTable, excitation_table
@@ -55,9 +56,12 @@ class Played:
         played = LiveLoop(self._setup).play(excitation)
         return played["u"], played["y"]
 
-    def message(self, u: Array, y: Array, **changes: Any) -> str:
+    def signals(self, u: Array, y: Array, **changes: Any) -> Signals:
         write_record(self.file, u, y)
-        signals = load_record(self.file, {**self.section, **changes}, self.registry)
+        return load_record(self.file, {**self.section, **changes}, self.registry)
+
+    def message(self, u: Array, y: Array, **changes: Any) -> str:
+        signals = self.signals(u, y, **changes)
         assert signals.outcome is (Outcome.INACCURATE if signals.message else Outcome.OK)
         return signals.message
 
@@ -101,10 +105,18 @@ def test_another_controller_is_said_to_be_another_one(played: Played) -> None:
     controller = {**played.section["controller"], "derivative_time": 0.02}
     found = played.message(played.u, played.y, controller=controller)
     assert found.startswith("'u' is not the excitation minus what the controller makes of 'y', and no factor or delay")
-    assert "correct record.controller if the machine has another one, or delete it" in found
+    assert "state the machine's own numbers in record.controller" in found
     assert not played.message(
         played.u, played.y, controller={"name": "pid", **controller, "derivative_time": 0.0566204}
     )
+
+
+def test_a_record_is_not_trusted_because_its_controller_is_deleted(played: Played) -> None:
+    wrong = -played.u, played.y
+    assert "opposite sign" in played.message(*wrong)
+    found = played.signals(*wrong, controller=None)
+    assert found.outcome is Outcome.INACCURATE
+    assert [of.kind for of in found.findings] == ["not verified"]
 
 
 def table_of(sections: dict[str, Any], registry: Registry) -> ExcitationTable:
