@@ -219,4 +219,4 @@ def test_columns_of_a_played_excitation_are_compared_with_what_was_predicted(
         wrong = [found for found in signals.findings if found.kind == "wrong column"]
         assert bool(wrong) is bool(remedy), name
         assert all(re.search(remedy, found.remedy) for found in wrong), (name, signals.message)
-        assert signals.outcome is (Outcome.INACCURATE if remedy else Outcome.OK), name
+        assert signals.outcome is Outcome.INACCURATE, name  # the right one is not verified
