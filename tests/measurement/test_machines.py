@@ -21,6 +21,7 @@ from fraexp.testing.conformance_check import ViolationError
 from fraexp.testing.result_checks import require_si
 from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
 from fraexp.workspace.workspace_service import WorkspaceService
+from tests.refusals import refused
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 
 SAMPLE_TIME = 1e-3
@@ -113,7 +114,7 @@ for line in open(sys.argv[1]):
 
 def test_noise_is_no_motion(workspace: WorkspaceService, monkeypatch: Any) -> None:
     monkeypatch.chdir(workspace.folder)
-    with pytest.raises(MachineError, match=r"at 100 Hz the axis does not move: .* noise and the steps of its encoder"):
+    with refused(MachineError, "100 Hz", "40 N", "excitation.amplitude"):
         measured_in(workspace, '["m", "N"]', NOISE)
 
 
@@ -127,23 +128,23 @@ def test_limits_count_in_whatever_units_a_machine_has(workspace: WorkspaceServic
     (other,) = measured_in(workspace, '["mm", "kN"]', scaled)
     assert (other.used, other.periods) == (pytest.approx(si.used, rel=1e-9), si.periods)
     stronger = scaled.replace("7.6", "2.5")
-    with pytest.raises(MachineError, match=r"limits\.velocity is 0\.06 m/s"):
+    with refused(MachineError, "limits.velocity", "0.06 m/s", "20 Hz"):
         measured_in(workspace, '["mm", "kN"]', stronger, "limits.velocity=0.06", "excitation.frequencies=[20.0]")
 
 
 @pytest.mark.parametrize(
-    ("units", "message"),
+    ("units", "names"),
     [
-        ('["m", "A"]', r"channel u of the machine: 'A' is not a unit of the same kind as 'N'; expected a force"),
-        ('["rad", "N m"]', r"channel y of the machine: 'rad' is not a unit .* expected a position"),
-        ('["parsec_s", "N"]', r"channel y of the machine: 'parsec_s' is no known unit"),
+        ('["m", "A"]', ["channel u", "'A'", "'N'"]),
+        ('["rad", "N m"]', ["channel y", "'rad'", "'m'"]),
+        ('["parsec_s", "N"]', ["channel y", "'parsec_s'"]),
     ],
 )
 def test_units_that_no_limit_is_in_are_refused_before_anything_moves(
-    workspace: WorkspaceService, monkeypatch: Any, units: str, message: str
+    workspace: WorkspaceService, monkeypatch: Any, units: str, names: list[str]
 ) -> None:
     monkeypatch.chdir(workspace.folder)
-    with pytest.raises(MachineError, match=message):
+    with refused(MachineError, *names):
         measured_in(workspace, units, "open('moved', 'w')")
     assert not (workspace.folder / "moved").exists()
 
@@ -152,41 +153,41 @@ def test_a_check_of_a_machine_finds_units_that_no_limit_is_in() -> None:
     require_si({"y": "mm", "u": "kN"})
     require_si({"y": "deg", "u": "Nm"})
     for units in ({"y": "m", "u": "A"}, {"y": "rad", "u": "N"}, {"y": "m"}):
-        with pytest.raises(ViolationError, match="expected"):
+        with refused(ViolationError, "channel"):
             require_si(units)
 
 
 def test_limits_of_a_machine_may_be_texts_with_units(workspace: WorkspaceService) -> None:
     stated = 'measurement.machine={name="simulated", limits={stroke="1 um"}}'
-    with pytest.raises(MachineError, match=r"limits\.stroke is 1 µm"):
+    with refused(MachineError, "limits.stroke", "1 µm", "10 Hz"):
         list(MeasurementService(workspace, "axis", [stated]).measure_points())
-    with pytest.raises(ParameterError, match=r"limits of the machine.*stroke"):
+    with refused(ParameterError, "stroke", "'furlongg'"):
         list(MeasurementService(workspace, "axis", [stated.replace("1 um", "1 furlongg")]).measure_points())
 
 
 @pytest.mark.parametrize(
-    ("text", "error", "message"),
+    ("text", "error", "names"),
     [
-        ("print('1,2')", ConnectionLostError, r"python3 ended with exit code 0 after 1 of 320 samples"),
+        ("print('1,2')", ConnectionLostError, ["code 0", "1 of 320"]),
         (
             "print('1,2', flush=True)\nraise ValueError('no port')",
             MachineError,
-            r"python3 ended with exit code 1 after 1 of 320 samples: ValueError: no port; fix the program",
+            ["code 1", "1 of 320", "ValueError: no port"],
         ),
-        ("import os\nos._exit(3)", MachineError, r"exit code 3 after 0 of 320 samples; fix the program"),
-        ("print('1;2')", MachineError, r"python3, line 1: '1;2'; expected numbers for y,u"),
+        ("import os\nos._exit(3)", MachineError, ["code 3", "0 of 320"]),
+        ("print('1;2')", MachineError, ["line 1", "'1;2'", "y,u"]),
         (
             f"print('0,0')\n{PROGRAM.format(step=SAMPLE_TIME)}",
             MachineError,
-            r"python3, line 321: '.*', after a line for each of the 320 samples; expected no other lines",
+            ["line 321", "320 samples"],
         ),
     ],
 )
 def test_a_program_that_does_not_measure_is_named(
-    tmp_path: Path, text: str, error: type[Exception], message: str
+    tmp_path: Path, text: str, error: type[Exception], names: list[str]
 ) -> None:
     program(tmp_path, text)
-    with command().connect(tmp_path) as session, pytest.raises(error, match=message):
+    with command().connect(tmp_path) as session, refused(error, "python3", *names):
         played(session)
 
 
@@ -201,17 +202,14 @@ for k, line in enumerate(open(sys.argv[1])):
 
 def test_a_machine_that_settles_too_late_is_said_to(workspace: WorkspaceService, monkeypatch: Any) -> None:
     monkeypatch.chdir(workspace.folder)
-    found = (
-        r"given up after 2 plays \(measurement.attempts\); the last: in the [\d.]+ s that were played it did not settle"
-    )
-    with pytest.raises(MachineError, match=found):
+    with refused(MachineError, "100 Hz", "2 plays", "measurement.attempts"):
         measured_in(workspace, '["m", "N"]', SLOW, "measurement.attempts=2")
 
 
 def test_a_program_that_hangs_is_lost_after_the_timeout(tmp_path: Path) -> None:
     program(tmp_path, "import time\nfor k in range(5):\n    print('0.0,1.0', flush=True)\ntime.sleep(60)")
     machine = command().model_copy(update={"timeout": 0.5})
-    with machine.connect(tmp_path) as session, pytest.raises(ConnectionLostError, match=r"printed nothing for 0\.5 s"):
+    with machine.connect(tmp_path) as session, refused(ConnectionLostError, "python3", "0.5 s", "timeout"):
         played(session)
 
 
@@ -219,7 +217,7 @@ def test_one_process_at_a_time_measures_on_a_machine(tmp_path: Path) -> None:
     """Another study or workspace that names the same machine is refused before anything moves."""
     program(tmp_path)
     with connected(command(), tmp_path):
-        with pytest.raises(BusyError, match=rf"command .* axis.py: process {os.getpid()} is measuring on this machine"):
+        with refused(BusyError, "axis.py", f"process {os.getpid()}"):
             connected(command(), tmp_path)
         connected(command("{file}"), tmp_path).close()
     connected(command(), tmp_path).close()
@@ -249,7 +247,7 @@ def test_a_machine_that_is_in_use_has_an_exit_code_of_its_own(workspace: Workspa
 
 
 def test_a_missing_program_is_named(tmp_path: Path) -> None:
-    with pytest.raises(MachineError, match=r"there is no program 'no_such_program'"):
+    with refused(MachineError, "'no_such_program'", tmp_path, "PATH"):
         CommandMachine(program=("no_such_program",), sample_time=1e-3).connect(tmp_path)
 
 
@@ -285,7 +283,7 @@ def test_a_record_of_more_samples_than_were_played_is_refused(tmp_path: Path) ->
         playing = session.play(REQUEST)
         thread = threading.Thread(target=put_record, args=(exchange, longer))
         thread.start()
-        with pytest.raises(MachineError, match=r"-record\.csv has 325 rows of samples, and play-0001\.csv 320"):
+        with refused(MachineError, "play-0001-record.csv", "325 rows", "play-0001.csv", 320):
             next(playing)
         thread.join()
 
@@ -300,10 +298,13 @@ def put_record(folder: Path, text: str) -> None:
 def test_a_folder_without_an_answer_is_told_to_stop(tmp_path: Path) -> None:
     (tmp_path / "exchange").mkdir()
     machine = FolderMachine(folder="exchange", sample_time=SAMPLE_TIME, timeout=0.01)
-    with machine.connect(tmp_path) as session, pytest.raises(MachineError, match=r"no play-0001-record\.csv"):
+    with (
+        machine.connect(tmp_path) as session,
+        refused(MachineError, "play-0001-record.csv", "0.01 s", "measurement.machine.timeout"),
+    ):
         played(session)
     assert [file.name for file in (tmp_path / "exchange").iterdir()] == ["stop"]  # the play is taken back
-    with pytest.raises(MachineError, match=r"there is no folder .*nowhere"):
+    with refused(MachineError, tmp_path / "nowhere", "measurement.machine.folder"):
         FolderMachine(folder="nowhere", sample_time=1e-3).connect(tmp_path)
 
 

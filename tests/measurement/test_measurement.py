@@ -15,13 +15,14 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.data.results import Result
 from fraexp.data.sample_file import read_header
-from fraexp.errors import FraexpError, MachineError, StudyError
+from fraexp.errors import FraexpError, MachineError, ParameterError, PlanError, StudyError
 from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice, gathered
 from fraexp.measurement.measurement_plan import plan_measurement
 from fraexp.simulation.experiment_run import LiveLoop
 from fraexp.simulation.motion_limits import Demand
 from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
 from fraexp.workspace.workspace_service import WorkspaceService
+from tests.refusals import refused
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 
 DISTURBED = 'measurement.machine={name="simulated", loss=0.05, delay=0.02, cut_after=2.0}'
@@ -66,7 +67,7 @@ def test_the_limits_that_a_machine_states_count(workspace: WorkspaceService) -> 
     file.write_text(file.read_text().replace('velocity = "0.5 m/s"\n', ""))
     stated = 'measurement.machine={name="simulated", limits={velocity=%s}}'
     assert measure(workspace, stated % 0.5, "excitation.frequencies=[100.0]")
-    with pytest.raises(MachineError, match=r"limits\.velocity is 0\.01 m/s"):
+    with refused(MachineError, "limits.velocity", "0.01 m/s"):
         measure(workspace, stated % 0.01)
 
 
@@ -74,34 +75,32 @@ def test_the_limits_that_a_machine_states_count(workspace: WorkspaceService) -> 
 def test_nothing_is_played_without_limits(workspace: WorkspaceService) -> None:
     file = workspace.folder / "studies" / "axis.toml"
     file.write_text(file.read_text().replace('velocity = "0.5 m/s"\n', "").replace("force = 150\n", ""))
-    with pytest.raises(StudyError, match=r"does not state velocity and force; nothing is played"):
-        MeasurementService(workspace, "axis").plans()
-    with pytest.raises(StudyError, match=r"does not state velocity and force"):
-        measure(workspace)
+    for act in (MeasurementService(workspace, "axis").plans, lambda: measure(workspace)):
+        with refused(StudyError, "velocity", "force"):
+            act()
 
 
 @pytest.mark.parametrize(
-    ("limit", "message"),
+    ("limit", "names"),
     [
-        ("force=50", r"predicted to need a force of 5\d\.\d+ N; limits\.force is 50 N, of which .* leaves 45 N"),
-        ("stroke=0.003", r"10 Hz .* a stroke of 0\.003\d+ m; limits\.stroke is 0\.003 m"),
-        ("acceleration=18", r"acceleration of 1\d\.\d+ m/s\^2; limits\.acceleration is 18 m/s\^2"),
-        ("force_rate=20000", r"100 Hz .* a force.rate of 2\.\d+e\+04 N/s; limits\.force_rate is 20000 N/s"),
+        ("force=50", ["10 Hz", "limits.force", "50 N"]),
+        ("stroke=0.003", ["10 Hz", "limits.stroke", "0.003 m"]),
+        ("acceleration=18", ["limits.acceleration", "18 m/s^2"]),
+        ("force_rate=20000", ["100 Hz", "limits.force_rate", "20000 N/s"]),
     ],
 )
 def test_what_is_predicted_to_exceed_a_limit_is_refused(
-    workspace: WorkspaceService, tmp_path: Path, limit: str, message: str
+    workspace: WorkspaceService, tmp_path: Path, limit: str, names: list[str]
 ) -> None:
     log = f'measurement.machine.log="{tmp_path / "machine.log"}"'
-    # the study's own check knows the linear loop alone, and refuses some of these before
-    with pytest.raises(Exception, match=message.replace(", of which .* leaves 45 N", "")):
+    with refused(ParameterError, *names):
         measure(workspace, f"limits.{limit}", log)
     assert not (tmp_path / "machine.log").exists()
 
 
 def test_a_machine_that_diverges_in_its_plan_is_refused_with_the_frequency(workspace: WorkspaceService) -> None:
     diverging = ["controller.proportional=1e8", "limits.force=1e9", "limits.velocity=1e9"]
-    with pytest.raises(MachineError, match=r"at 10 Hz the study's machine diverges in the simulation; .* lower the"):
+    with refused(PlanError, "10 Hz"):
         MeasurementService(workspace, "axis", diverging).plans()
 
 
@@ -270,15 +269,13 @@ NO_ENCODER = ("loop.noise=0", "loop.resolution=0", "measurement.band=0.1")
 
 def test_an_axis_that_does_not_move_is_said_not_to(workspace: WorkspaceService) -> None:
     few = ("excitation.frequencies=[50.0, 100.0]", "measurement.attempts=2")
-    with pytest.raises(MachineError, match=r"at 100 Hz the axis does not move: .* reaches \d+\.?\d* N; release"):
+    with refused(MachineError, "100 Hz", "excitation.amplitude"):
         measure(workspace, *few, STUCK, *NO_ENCODER)
 
 
 def test_with_noise_too_a_brake_ends_the_measurement_at_the_first_point(workspace: WorkspaceService) -> None:
     service = MeasurementService(workspace, "axis", [STUCK])
-    with pytest.raises(
-        MachineError, match=r"at 100 Hz the axis does not move: .* reaches 40\.\d+ N; release the brake"
-    ):
+    with refused(MachineError, "100 Hz", "excitation.amplitude"):
         list(service.measure_points())
     assert service.files(service.tasks[0]).points() == []  # it is measured once the brake is released
 
@@ -306,14 +303,14 @@ def test_two_processes_do_not_measure_into_one_file(workspace: WorkspaceService)
     other = subprocess.Popen([sys.executable, "-c", LOCKING, str(folder)], stdout=subprocess.PIPE)
     assert other.stdout is not None and other.stdout.readline() == b"locked\n"
     log = f'measurement.machine.log="{workspace.folder / "machine.log"}"'
-    with pytest.raises(MachineError, match=rf"axis\.samples: process {other.pid} is measuring into this file; wait"):
+    with refused(MachineError, "axis.samples", f"process {other.pid}"):
         measure(workspace, log, fresh=True)
     assert not (workspace.folder / "machine.log").exists()
     other.kill()  # the system releases the lock of a process that dies
     other.communicate()
     events = MeasurementService(workspace, "axis").measure_points()
     assert isinstance(next(events), MeasurementBegun)
-    with pytest.raises(MachineError, match=rf"process {os.getpid()} is measuring"):
+    with refused(MachineError, f"process {os.getpid()}"):
         measure(workspace)
     events.close()
 
@@ -324,7 +321,7 @@ def test_another_machine_or_setting_does_not_continue_a_measurement(workspace: W
     measure(workspace, fewer)
     kept = measure(workspace, fewer)
     assert not [event for event in kept if isinstance(event, PointEstimated)]
-    with pytest.raises(StudyError, match=r"measure anew with --fresh"):
+    with refused(StudyError, "--fresh"):
         measure(workspace, fewer, "excitation.amplitude=41")
 
 

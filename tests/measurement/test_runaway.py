@@ -16,6 +16,7 @@ from fraexp.workspace.measurement_service import MeasurementService
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.measurement.test_autonomous import STUDY, workspace_with
 from tests.measurement.test_measurement import events_of
+from tests.refusals import refused
 from tests.waiting import wait_until
 
 AXES = Path(__file__).parents[3] / "shared" / "machines"
@@ -30,11 +31,11 @@ def simulated(controller: str, log: Path) -> str:
     return f'measurement.machine={{name="simulated", log="{log}", {controller}}}'
 
 
-@pytest.mark.parametrize(("controller", "remedy"), [(REVERSED, "its sign"), (STIFF, "its gain")])
+@pytest.mark.parametrize(("controller", "remedy"), [(REVERSED, "sign"), (STIFF, "gain")])
 def test_a_simulated_loop_that_moves_by_itself_is_switched_off(tmp_path: Path, controller: str, remedy: str) -> None:
     log = tmp_path / "machine.log"
     service = AutonomousService(workspace_with(STUDY, tmp_path), "axis", [simulated(controller, log)])
-    with pytest.raises(RunawayError, match=rf"{remedy}.*; the drive was switched off$"):
+    with refused(RunawayError, remedy, "switched off"):
         list(service.measure())
     assert [event["event"] for event in events_of(log)].count("off") == 1
 
@@ -42,7 +43,7 @@ def test_a_simulated_loop_that_moves_by_itself_is_switched_off(tmp_path: Path, c
 def test_a_planned_measurement_is_refused_before_its_excitation(workspace: WorkspaceService) -> None:
     log = workspace.folder / "machine.log"
     service = MeasurementService(workspace, "axis", [simulated(STIFF, log)])
-    with pytest.raises(RunawayError, match="the axis moves by itself"):
+    with pytest.raises(RunawayError):
         list(service.measure_points())
     assert [event["event"] for event in events_of(log)] == ["play", "off", "rest"]
 
@@ -105,9 +106,9 @@ def true_motion(log: Path) -> list[dict[str, float]]:
 @pytest.mark.parametrize(
     ("name", "more", "remedy", "excited"),
     [
-        ("wrong_sign", "", "check the signs of encoder and drive", False),
-        ("wrong_sign", "cogA 0\ncogA2 0\n", "check the signs of encoder and drive", True),
-        ("unstable", "", "check the controller", False),
+        ("wrong_sign", "", "encoder", False),
+        ("wrong_sign", "cogA 0\ncogA2 0\n", "encoder", True),
+        ("unstable", "", "controller", False),
     ],
 )
 def test_an_axis_that_runs_away_is_switched_off_within_its_limits(
@@ -116,7 +117,7 @@ def test_an_axis_that_runs_away_is_switched_off_within_its_limits(
     """Without cogging friction holds the axis of the wrong sign, and the excitation is the first to move it."""
     port, log = serve(name, more)
     service = AutonomousService(workspace_of_axis(tmp_path, port, offers_disable=True), "axis")
-    with pytest.raises(RunawayError, match=rf"{remedy}.*; the drive was switched off$"):
+    with refused(RunawayError, remedy, "switched off"):
         list(service.measure())
     assert bool(service.files.samples.exists()) == excited
     plays = wait_until(lambda: true_motion(log))
@@ -126,5 +127,5 @@ def test_an_axis_that_runs_away_is_switched_off_within_its_limits(
 def test_where_a_drive_cannot_be_switched_off_the_user_is_told_to(serve: Serve, tmp_path: Path) -> None:
     port, _ = serve("unstable", "")
     service = AutonomousService(workspace_of_axis(tmp_path, port, offers_disable=False), "axis")
-    with pytest.raises(MachineError, match=r"; switch the drive off: this machine offers no disable"):
+    with refused(MachineError, "disable"):
         list(service.measure())

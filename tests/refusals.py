@@ -1,0 +1,27 @@
+"""How tests ask for an error: by its kind and by the names and values that it gives, never by its sentence."""
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+WORDS = 3
+"""Most words of a name: a quantity with its unit, or a command; more would be a sentence."""
+
+
+@contextmanager
+def refused(kind: type[Exception] | tuple[type[Exception], ...], *names: object) -> Iterator[pytest.ExceptionInfo[Any]]:
+    """Expect an error of one line that gives each of these names: places, values, options and remedies.
+
+    A name is found as a whole, so that 1 is not in 12 and 'load' not in 'workload'.
+    """
+    expected = [str(name) for name in names]
+    assert all(len(name.split()) <= WORDS for name in expected), "a sentence is no name"
+    with pytest.raises(kind) as caught:
+        yield caught
+    text = str(caught.value)
+    assert "\n" not in text
+    for name in expected:
+        assert re.search(rf"(?<!\w)(?<!\d\.){re.escape(name)}(?!\w|\.\d)", text), f"{name!r} is not in {text!r}"
