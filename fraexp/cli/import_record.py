@@ -65,7 +65,7 @@ def _parse_channels(texts: list[str], integrals: list[str]) -> dict[str, object]
 
 def _list_contents(arguments: Namespace, workspace: WorkspaceService) -> ExitCode:
     """Print the contents of files, and a command that would probably import them."""
-    from fraexp.records.contents import list_contents
+    from fraexp.records.record_files import list_contents
 
     files: list[Path] = arguments.files
     found = {file: list_contents(file, workspace.registry) for file in files}

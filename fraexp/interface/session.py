@@ -338,8 +338,8 @@ def reload_plugins(service: WorkspaceService, is_asked: bool = False) -> None:
 
 def missing_channels(file: Path, registry: Registry) -> ParameterError:
     """Return the error for a record without channels, which proposes some as ``fraexp import FILE`` does."""
-    from fraexp.records.contents import list_contents
     from fraexp.records.proposals import propose_import
+    from fraexp.records.record_files import list_contents
 
     found = list_contents(file, registry)
     proposal = propose_import(file, found, registry)

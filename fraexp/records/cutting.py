@@ -1,5 +1,6 @@
-"""Division of a record into blocks of whole periods and whole samples."""
+"""Division of a record into runs of samples, and of these into blocks of whole periods and whole samples."""
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -7,9 +8,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.data.record_table import RecordTable
 from fraexp.data.signals import Settling
 from fraexp.data.sweep import Plain
-from fraexp.errors import RecordError
+from fraexp.errors import ParameterError, RecordError
 from fraexp.records.record_settings import MIN_BLOCKS, RecordSettings, Step
 
 RELATIVE_ROUNDING = 1e-9
@@ -24,6 +26,15 @@ MAX_APERIODIC_LINES = 200
 """Number of frequencies of an aperiodic record, unless the study gives them."""
 APERIODIC_SETTLING = Settling(settled=True, time=0.0, residual=float("nan"))
 """Settling of an aperiodic record: what preceded its first sample is unknown."""
+MIN_FREQUENCY_RATIO = 0.5
+"""Frequency relative to the lowest line below which an integral is set to 0: there it is drift and noise."""
+CONDITION_PATTERN = re.compile(r"^\s*(?P<column>\S.*?)\s*=\s*(?P<value>[^=\s]+)\s*$")
+VALUE_TOLERANCE = 1e-6
+"""Relative difference up to which a column has the requested value."""
+MAX_SHOWN_VALUES = 8
+"""Maximum number of values in a message."""
+SampleRun = tuple[str, tuple[int, int]]
+"""Name of a run for messages, its first sample, and the one after its last."""
 
 
 @dataclass(frozen=True)
@@ -285,3 +296,67 @@ def _block_cut(  # the numbers of one cut
     clock_factor = periods * period / samples
     exact = abs(clock_factor - 1) < RELATIVE_ROUNDING
     return Cut(start, available // samples, samples, periods, 1 / rate if exact else clock_factor / rate)
+
+
+def parse_condition(select: str, place: str) -> tuple[str, float] | None:
+    """Return column and value of a condition such as ``amplitude = 12``; None if it is empty."""
+    if not select:
+        return None
+    found = CONDITION_PATTERN.match(select)
+    try:
+        return (found["column"], float(found["value"])) if found else _refuse_condition(select, place)
+    except ValueError:
+        return _refuse_condition(select, place)
+
+
+def _refuse_condition(select: str, place: str) -> tuple[str, float]:
+    raise ParameterError(f"{place}: select is '{select}'; expected a column and a number, such as 'amplitude = 12'")
+
+
+def select_runs(settings: RecordSettings, table: RecordTable, size: int, place: str) -> list[SampleRun]:
+    """Return the runs of samples of `select`, separated by `segment_column`; by default one run of all samples."""
+    chosen = parse_condition(settings.select, place)
+    if chosen is None and settings.segment_column is None:
+        return [(place, (0, size))]
+    values = np.ones(size) if settings.segment_column is None else table.columns[settings.segment_column.column].copy()
+    if chosen is not None:
+        column, value = chosen
+        there = np.isclose(table.columns[column], value, rtol=VALUE_TOLERANCE, atol=0.0)
+        if not there.any():
+            known = np.unique(table.columns[column])
+            more = " and more" if known.size > MAX_SHOWN_VALUES else ""
+            listed = ", ".join(f"{one:g}" for one in known[:MAX_SHOWN_VALUES]) + more
+            raise RecordError(f"{place}: '{column}' is nowhere {value:g}; it is {listed}")
+        values = np.where(there, values, 0.0)
+    runs = find_runs(values)
+    if not runs:
+        raise RecordError(f"{place}: the column of segments is nowhere above 0; expected a number for each segment")
+    return [(f"{place}, samples {start + 1} to {stop}", (start, stop)) for start, stop in runs]
+
+
+def integrate_blocks(blocks: NDArray[np.float64], cut: Cut, times: int, place: str) -> NDArray[np.float64]:
+    """Return blocks of a channel, shape (blocks, samples), integrated `times` times; if below 0, differentiated.
+
+    A periodic record is divided by (jω)ⁿ at all its frequencies at once, which is exact at its lines; its mean and
+    what lies below half the lowest line cannot be integrated and become 0. A record that does not repeat itself is
+    differentiated by central differences, too small by (ωTs)²/6, and cannot be integrated: it would drift.
+    """
+    if not times:
+        return blocks
+    if not cut.periodic and times > 0:
+        raise RecordError(
+            f"{place}: a record that does not repeat itself cannot be integrated, its offset would grow without end; "
+            "give a measured position, or cut whole periods"
+        )
+    record = blocks.ravel()
+    if not cut.periodic:
+        for _ in range(-times):
+            record = np.gradient(record, cut.sample_time)
+        return record.reshape(blocks.shape)
+    omega = 2 * np.pi * np.fft.rfftfreq(record.size, cut.sample_time)
+    lowest = 2 * np.pi * cut.lines[0] / (cut.samples * cut.sample_time)
+    kept = omega > (MIN_FREQUENCY_RATIO * lowest if times > 0 else 0.0)
+    kept[-1] &= record.size % 2 == 1  # at the Nyquist frequency a derivative has no phase
+    factor = np.zeros(omega.size, dtype=complex)
+    factor[kept] = (1j * omega[kept]) ** -times
+    return np.fft.irfft(factor * np.fft.rfft(record), record.size).reshape(blocks.shape)

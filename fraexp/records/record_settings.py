@@ -184,7 +184,8 @@ class RecordSettings(Parameters):
 
         ParameterError if a placeholder has no value, or a value has no placeholder.
         """
-        texts = (*self.file, *(name for channel in self._named_channels() for name in channel.columns), self.select)
+        named = (*self.channels.values(), *self.auxiliary_columns)
+        texts = (*self.file, *(name for channel in named for name in channel.columns), self.select)
         for mark, given in ((LEVEL_MARK, self.level is not None), (REALISATION_MARK, bool(self.realisations))):
             key = "level" if mark == LEVEL_MARK else "realisations"
             if given != any(mark in text for text in texts):
@@ -205,9 +206,11 @@ class RecordSettings(Parameters):
             }
             yield tuple(_replace_marks(file, names) for file in files), self.model_copy(update=filled)
 
-    def _named_channels(self) -> list[Channel]:
-        extra = [getattr(self, key) for key in AUXILIARY_COLUMNS]
-        return [*self.channels.values(), *(channel for channel in extra if channel is not None)]
+    @property
+    def auxiliary_columns(self) -> list[Channel]:
+        """Columns beside the channels."""
+        given = (getattr(self, key) for key in AUXILIARY_COLUMNS)
+        return [channel for channel in given if channel is not None]
 
 
 AUXILIARY_COLUMNS = ("time_column", "frequency_column", "segment_column")
@@ -227,3 +230,42 @@ def _replace_marks(text: str, names: Mapping[str, str]) -> str:
 def _fill_marks(channel: Channel, names: Mapping[str, str]) -> Channel:
     changes = {key: _replace_marks(getattr(channel, key), names) for key in ("column", "plus", "minus")}
     return channel.model_copy(update=changes)
+
+
+RESPONSE_KEYS = ("response_unit", "input_amplitude", "averages")
+"""Keys of a response that was measured elsewhere."""
+COMMON_KEYS = ("file", "join_files", "reader", "channels", "level", "realisations")
+"""Keys of a response and of samples over time."""
+LINE_KEYS = ("periods_per_realisation", "harmonics", "harmonic_step", "min_frequency", "max_frequency")
+UNUSED_KEYS = {
+    "steps": LINE_KEYS,
+    "frequency_column": LINE_KEYS,
+    "segments": ("skip_periods", "skip_time", "max_phase_slip", *LINE_KEYS),
+}
+"""What the key that states the frequencies of a record leaves no use for."""
+
+
+def check_keys(settings: RecordSettings, is_response: bool) -> None:
+    """Raise ParameterError if a key has no use in a response, in samples over time, or beside another key."""
+    given = [key for key, of in type(settings).model_fields.items() if getattr(settings, key) != of.default]
+    if is_response:
+        for key in given:
+            if key not in (*COMMON_KEYS, *RESPONSE_KEYS):
+                raise ParameterError(
+                    f"{key} describes samples over time, and channel 'frequency' makes this record a response; leave "
+                    f"{key} out, or the channel"
+                )
+        return
+    for key in given:
+        if key in RESPONSE_KEYS:
+            raise ParameterError(
+                f"{key} describes a response; expected channels frequency with magnitude and phase, or with real and "
+                f"imaginary: leave {key} out of a record over time"
+            )
+        if key == "controller" and not settings.segments:
+            raise ParameterError(
+                "controller is compared with what was played, which segments state; leave controller out of a record "
+                "without segments"
+            )
+        for way in (way for way, unused in UNUSED_KEYS.items() if key in unused and getattr(settings, way)):
+            raise ParameterError(f"{way} states the periods of the record and their frequencies; leave {key} out")

@@ -19,9 +19,8 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.components.registry import Registry
 from fraexp.errors import FraexpError
-from fraexp.records.contents import list_contents
 from fraexp.records.proposals import propose_import
-from fraexp.records.source import find_reader
+from fraexp.records.record_files import find_reader, list_contents
 from fraexp.store.codec import decode_array, encode_array
 from fraexp.store.tables import metadata
 from fraexp.store.validation import parse_json

@@ -21,8 +21,7 @@ from fraexp.components.registry import Registry
 from fraexp.data import toml, units
 from fraexp.errors import FraexpError, ParameterError, RecordError, StoreError, StudyError
 from fraexp.records.channels import parse_channel
-from fraexp.records.contents import list_contents
-from fraexp.records.source import find_reader
+from fraexp.records.record_files import find_reader, list_contents
 from fraexp.store.codec import decode_array
 from fraexp.store.validation import parse_json
 from fraexp.study.sections import override

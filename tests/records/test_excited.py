@@ -8,7 +8,7 @@ import pytest
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.data.results import Result
-from fraexp.records.excited import find_excited_lines, find_injected_lines
+from fraexp.records.repeats import find_excited_lines, find_injected_lines
 from tests.examples import some
 from tests.records.strangers_files import DRIVE, results
 

@@ -13,8 +13,8 @@ from scipy.io import savemat
 
 from fraexp.components.registry import Registry
 from fraexp.errors import RecordError
-from fraexp.records.contents import list_contents
 from fraexp.records.proposals import propose_import
+from fraexp.records.record_files import list_contents
 
 POSITION = [0.25, -1.5, 3e-3]
 

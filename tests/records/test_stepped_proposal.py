@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fraexp.components.registry import Registry
-from fraexp.records.contents import list_contents
 from fraexp.records.proposals import propose_import
+from fraexp.records.record_files import list_contents
 
 
 @pytest.mark.parametrize(("is_stepped", "proposed"), [(True, "--frequency Freq"), (False, "--samples-per-period 200")])

@@ -9,9 +9,8 @@ from fraexp_plugins.readers.twincat_scope import TwinCatScope
 
 from fraexp.components.kinds import RecordReader
 from fraexp.errors import RecordError
-from fraexp.records.contents import list_contents
 from fraexp.records.proposals import propose_import
-from fraexp.records.source import find_reader
+from fraexp.records.record_files import find_reader, list_contents
 from tests.records.corpus_writers import twincat_export
 
 TRACES = Path(__file__).parents[3] / "shared" / "data" / "traces"
