@@ -15,8 +15,8 @@ from fraexp.records.study_writer import ImportRequest
 from fraexp.workspace.workspace_service import WorkspaceService
 
 if TYPE_CHECKING:
+    from fraexp.records.channels import FileContent
     from fraexp.records.proposals import Proposal
-    from fraexp.records.roles import FileContent
 
 _RECORD_KEYS = [option.key for option in RECORD_OPTIONS]
 

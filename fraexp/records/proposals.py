@@ -13,13 +13,20 @@ from fraexp.components.kinds import RecordReader
 from fraexp.components.registry import Registry
 from fraexp.data.record_table import RecordTable
 from fraexp.errors import RecordError
-from fraexp.records.channels import column_text
+from fraexp.records.channels import (
+    CLOCK_ROLES,
+    UNITLESS_MARKS,
+    FileContent,
+    clock_unit,
+    column_text,
+    is_auxiliary,
+    is_usable_unit,
+    si_unit,
+)
 from fraexp.records.cutting import find_runs
-from fraexp.records.quantities import UNITLESS_MARKS, clock_unit, si_unit
 from fraexp.records.record_files import FILE_SIGN, existing_file, find_reader, list_remarks, read_columns
 from fraexp.records.repeats import detect_period
 from fraexp.records.resampling import plan_clock, resample
-from fraexp.records.roles import CLOCK_ROLES, FileContent, is_auxiliary, is_usable_unit
 from fraexp.records.stated_response import is_response_unit
 from fraexp.records.timebase import examine_stamps, sample_rate_of, stamps_text
 

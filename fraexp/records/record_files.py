@@ -10,9 +10,8 @@ from fraexp.components.kinds import RecordReader
 from fraexp.components.registry import Registry, create
 from fraexp.data.record_table import RecordTable
 from fraexp.errors import RecordError, did_you_mean
-from fraexp.records.clocks import ColumnReader, find_time_column
-from fraexp.records.quantities import clock_unit, resolve_channel
-from fraexp.records.roles import UNREADABLE, FileContent, guess_role
+from fraexp.records.channels import UNREADABLE, FileContent, clock_unit, guess_role, resolve_channel
+from fraexp.records.timebase import ColumnReader, find_time_column
 
 MAX_VALUE = 1e100
 """Magnitude of a sample from which a file is damaged: its square could not be computed."""

@@ -19,6 +19,7 @@ from fraexp.data.results import Outcome
 from fraexp.data.signals import Segment, Signals
 from fraexp.data.sweep import Plain
 from fraexp.errors import RecordError, did_you_mean
+from fraexp.records.channels import PlainTable, auxiliary_values, channel_columns, channel_values, resolve_channel
 from fraexp.records.column_doubts import column_doubts, implausible_units
 from fraexp.records.cutting import (
     Cut,
@@ -32,9 +33,7 @@ from fraexp.records.cutting import (
     step_cuts,
     whole_cut,
 )
-from fraexp.records.quantities import PlainTable, auxiliary_values, channel_columns, channel_values, resolve_channel
 from fraexp.records.record_files import existing_file, find_reader, joined_reader, read_columns
-from fraexp.records.record_sampling import plan_sampling, sampled_table, sampling_columns, sampling_text
 from fraexp.records.record_settings import RecordSettings, check_keys
 from fraexp.records.repeats import (
     check_levels,
@@ -45,6 +44,7 @@ from fraexp.records.repeats import (
     missing_period_error,
     select_lines,
 )
+from fraexp.records.resampling import plan_sampling, sampled_table, sampling_columns, sampling_text
 from fraexp.records.stated_response import is_response, load_response, resolve_response, response_columns
 from fraexp.records.timebase import MAX_JITTER
 from fraexp.records.wrong_samples import find_wrong_samples

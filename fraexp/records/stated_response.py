@@ -20,8 +20,7 @@ from fraexp.data.record_table import RecordTable
 from fraexp.data.signals import Segment, Signals, StatedLine
 from fraexp.data.sweep import Plain
 from fraexp.errors import ParameterError, RecordError
-from fraexp.records.channels import Channel, column_text
-from fraexp.records.quantities import PlainTable, auxiliary_values, check_unit, si_unit
+from fraexp.records.channels import Channel, PlainTable, auxiliary_values, check_unit, column_text, si_unit
 from fraexp.records.record_settings import RecordSettings
 
 POLAR, CARTESIAN = ("magnitude", "phase"), ("real", "imaginary")

@@ -6,7 +6,7 @@ import pytest
 
 from fraexp.data.units import number, si
 from fraexp.errors import ParameterError
-from fraexp.records.quantities import si_unit
+from fraexp.records.channels import si_unit
 
 
 @pytest.mark.parametrize(
