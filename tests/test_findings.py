@@ -16,7 +16,6 @@ FOREIGN = {
     "fraexp/kernels/law.py", "fraexp/store/backends/engine.py", "fraexp/store/backends/postgresql.py",
     "fraexp/store/backends/sqlite.py", "fraexp/store/damage.py", "fraexp/execution/executors/dask.py",
     "fraexp/components/parameters.py", "fraexp/store/store.py", "fraexp/interface/study_source.py",
-    "plugins/fraexp_plugins/identification/whole_record/_free_parameters.py",
 }  # fmt: skip
 """Modules that read what compiler, database, Dask or pydantic say, which have nothing else to offer, and those that put
 another place before an error of their own."""

@@ -5,13 +5,14 @@ from itertools import product
 
 import numpy as np
 import pytest
-from fraexp_plugins.identification.whole_record._free_parameters import SCALES, FreeParameters, nonzero_numbers
+from fraexp_plugins.identification.whole_record._machine_problem import SCALES, FreeParameters, nonzero_numbers
 from fraexp_plugins.identification.whole_record._plan_search import (
     Plan,
     PlannedRecord,
     PlanSearch,
     planned_records,
 )
+from fraexp_plugins.identification.whole_record._record_fit import RecordFit
 
 from fraexp.components.kinds import Estimator, Excitation, FrictionModel, Plant
 from fraexp.components.registry import create, discover
@@ -97,7 +98,8 @@ def test_a_plan_lasts_as_long_as_its_simulation(recorded, registry):
     sines = {"name": "sine_list", "frequencies": [20.0, 80.0], "amplitudes": [12.0]}
     method = design().method
     problem = method.problem(recorded(sines, noise=NOISE), NOISE, method.law)
-    records = planned_records(problem.fit_around(create(registry, Plant, MACHINE["plant"])), (12.0, 12.0))
+    plant = create(registry, Plant, MACHINE["plant"])
+    records = planned_records(RecordFit.around(problem, plant), (12.0, 12.0))
     for counts in ((1, 1), (3, 10)):
         segments = recorded({**sines, "period_counts": counts}, noise=NOISE).segments
         lasted = [each.settling.time + each.channels["y"].size * each.sample_time for each in segments]
@@ -114,7 +116,7 @@ def short(recorded):
 def test_the_bands_of_a_plan_are_those_of_the_estimate(short, registry):
     friction, plant = create(registry, FrictionModel, MACHINE["friction"]), create(registry, Plant, MACHINE["plant"])
     method = design().method.model_copy(update={"friction": friction})
-    fit = method.problem(short, NOISE, friction).fit_around(plant)
+    fit = RecordFit.around(method.problem(short, NOISE, friction), plant)
     records = planned_records(replace(fit, free=FreeParameters(SCALES, nonzero_numbers(plant))), (12.0,) * 12)
     response = method.estimate(short).response
     found = response.standard_deviation / np.abs(response.response)

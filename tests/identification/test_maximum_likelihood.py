@@ -144,8 +144,8 @@ def test_unknown_noise_is_found(recorded, noise, periods):
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        (("force_scal",), r"maximum_likelihood\.free: .*'force_scal'.*force_scale"),
-        (("curve",), r"maximum_likelihood\.free: 'curve' is"),
+        (("force_scal",), r"maximum_likelihood\.free: .*'force_scal'.*did you mean 'force_scale'"),
+        (("curve",), r"maximum_likelihood\.free: no parameter 'curve' that is not 0"),
     ],
 )
 def test_a_wrong_name_of_a_parameter_is_refused(names, message):

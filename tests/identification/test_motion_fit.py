@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_value
 from fraexp_plugins.identification._shared.law_numbers import shape_parameters
-from fraexp_plugins.identification.whole_record._free_parameters import SCALES
+from fraexp_plugins.identification.whole_record._machine_problem import SCALES
 from fraexp_plugins.identification.whole_record._motion_start import fits_along_motion
 
 from fraexp.components.kinds import FrictionModel

@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from fraexp_plugins.identification.whole_record._record_fit import State
+from fraexp_plugins.identification.whole_record._record_fit import RecordFit, State
 
 from fraexp.components.kinds import Controller, Estimator, Excitation, FrictionModel, Plant
 from fraexp.components.registry import create
@@ -56,7 +56,7 @@ def estimator(registry):
 def test_a_replay_with_its_own_start_is_the_true_motion(registry, recorded, estimator):
     """A periodic replay of the right machine is off by more than the noise, so that a wrong one is likelier."""
     signals = recorded(2, frequencies=[1.5, 2.0, 3.0])
-    fit = estimator.problem(signals, NOISE, estimator.law).fit_around(create(registry, Plant, PLANT))
+    fit = RecordFit.around(estimator.problem(signals, NOISE, estimator.law), create(registry, Plant, PLANT))
     state = State(np.zeros(len(fit.free.names)), tuple(np.zeros(record.count) for record in fit.records))
     (periodic,) = fit._positions([state])
     off, left = [], []

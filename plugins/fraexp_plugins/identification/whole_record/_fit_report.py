@@ -17,9 +17,9 @@ from fraexp_plugins.identification._shared.law_numbers import (
 )
 from fraexp_plugins.identification.plant._modal_model import parameter_symbol
 from fraexp_plugins.identification.plant._modal_solver import whiteness
-from fraexp_plugins.identification.whole_record._free_parameters import DEAD_TIME, SCALES
-from fraexp_plugins.identification.whole_record._joint_fit import NOISE, NoiseLevel
+from fraexp_plugins.identification.whole_record._joint_fit import NoiseLevel
 from fraexp_plugins.identification.whole_record._machine_fit import Fitted
+from fraexp_plugins.identification.whole_record._machine_problem import DEAD_TIME, NOISE, SCALES
 
 MAX_RATIO, MAX_MEAN_RATIO, MAX_RATIO_STDS = 1.1, 1.05, 4.0
 """Residual over what noise and rounding explain from which a record is not repeated, geometric mean up to which all

@@ -249,8 +249,6 @@ def _blocks(record: LinearRecord, loss: Loss, own: NDArray[np.float64], radius: 
     return _Blocks(gradient, (jacobian.T * loss.curvature) @ jacobian + np.diag(weights))
 
 
-NOISE = "noise"
-"""Name of the noise among the free parameters."""
 MIN_SAMPLES = 64
 """Samples of a period from which its upper half of the spectrum has no harmonics of friction to speak of."""
 MIN_NOISE_RATIO, MAX_NOISE_RATIO = 1e-3, 3.0

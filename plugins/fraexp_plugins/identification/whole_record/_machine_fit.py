@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from fraexp.api import FrictionModel, Signals
 from fraexp_plugins.identification._shared.law_numbers import scaled_friction
-from fraexp_plugins.identification.whole_record._free_parameters import FreeParameters, Models, nonzero_numbers
 from fraexp_plugins.identification.whole_record._joint_fit import Prior, interval_loss
-from fraexp_plugins.identification.whole_record._machine_problem import MachineProblem, replayed_record
+from fraexp_plugins.identification.whole_record._machine_problem import MachineProblem, Models
 from fraexp_plugins.identification.whole_record._motion_start import (
     FRICTION_ERRORS,
     MotionFit,
@@ -150,7 +149,7 @@ class Fitted:
     def friction(self) -> FrictionModel | None:
         """Friction model that was found; None if the parameters of its law cannot express the scales."""
         stroke = max(float(np.ptp(record.position)) for record in self.fit.records)
-        return scaled_friction(self.models.friction, self.fit.free.scales(self.shared), stroke)
+        return scaled_friction(self.models.friction, self.models.scales, stroke)
 
     @property
     def ratios(self) -> NDArray[np.float64]:
@@ -243,7 +242,7 @@ def fit_machine(problem: MachineProblem, known: Fitted | None = None) -> tuple[F
     records of the same machine, from which it starts without a search.
     """
     joint, starts = joint_fit(problem) if known is None else (known, 1)
-    every = replace(joint.fit, records=problem.records)
+    every = replace(joint.fit, records=RecordFit.around(problem, joint.fit.start.plant).records)
     every = every.with_needed_drifts(State(joint.state.shared, tuple(np.zeros(r.count) for r in every.records)))
     whole = _whole(problem, every, joint)
     for _ in range(MAX_REFINEMENTS):
@@ -254,19 +253,17 @@ def fit_machine(problem: MachineProblem, known: Fitted | None = None) -> tuple[F
     return whole, starts
 
 
-def joint_fit(problem: MachineProblem, along: Sequence[MotionFit] = ()) -> tuple[Fitted, int]:
+def joint_fit(problem: MachineProblem, starts: Sequence[MotionFit] = ()) -> tuple[Fitted, int]:
     """Return the fit in which the response of every record is that of the plant, and from how many starts it was tried.
 
-    `along` are fits along the motion, if they are known.
+    `starts` are fits along the motion, if they are known. A start that is far from explaining the records is given up
+    after a few steps, unless it is the only one.
     """
-    if problem.contacts is not None:
-        fit = problem.fit_around(problem.contacts.plant)
-        return _converged(problem, fit, np.zeros(len(problem.free.names))), 1
-    found: list[Fitted] = []
-    for start in along or fits_along_motion(problem):
-        fit = problem.fit_around(start.plant)
+    starts, found = starts or fits_along_motion(problem), list[Fitted]()
+    for start in starts:
+        fit = RecordFit.around(problem, start.plant)
         found.append(_converged(problem, fit, start.shared, FIRST_STEPS))
-        if found[-1].mean_ratio < HOPELESS_RATIO:
+        if found[-1].mean_ratio < HOPELESS_RATIO or len(starts) == 1:
             found[-1] = _converged(problem, fit, found[-1].state.shared, NEAR_STEPS)
         if found[-1].mean_ratio < MAX_START_RATIO:
             break
@@ -275,7 +272,7 @@ def joint_fit(problem: MachineProblem, along: Sequence[MotionFit] = ()) -> tuple
 
 def predicted_ratios(problem: MachineProblem, found: Fitted, signals: Signals) -> NDArray[np.float64]:
     """Return what a joint fit leaves of other records, over what noise and rounding explain, shape (records,)."""
-    records = [replayed_record(segment, problem.observer) for segment in signals.segments]
+    records = RecordFit.around(replace(problem, signals=signals), found.fit.start.plant).records
     return replace(found.fit, records=records).predicted_ratios(found.state.shared)
 
 
@@ -294,13 +291,14 @@ def _whole(problem: MachineProblem, fit: RecordFit, before: Fitted) -> Fitted:
     """Return the fit of all records with a response for each, from a joint one."""
     steps = MAX_STEPS if before.mean_ratio < HOPELESS_RATIO else FIRST_STEPS
     joint = along_directions(_without_untold_modes(problem, _converged(problem, fit, before.state.shared, steps)))
-    if problem.contacts is not None:
+    if problem.frictions:
         return replace(joint, error=replay_error(joint.fit, joint.state, joint.linear))
     whole = with_own_responses(joint, steps)
     if whole.mean_ratio < MAX_PLANT_RATIO:
         return whole
     logs = before.state.shared[: len(problem.free.names)]
-    effective = ObservedStart.of(problem.observer_at(logs), problem.signals).effective
+    observer = problem.observer_of(before.fit.free.applied_to(before.fit.start, before.state.shared))
+    effective = ObservedStart.of(observer, problem.signals).effective
     alone = without_plant(replace(fit, free=problem.free), logs, effective, steps)
     if alone.mean_ratio > whole.mean_ratio:
         return whole
@@ -320,8 +318,9 @@ def _without_untold_modes(problem: MachineProblem, joint: Fitted) -> Fitted:
     if not count or joint.mean_ratio > MAX_PLANT_RATIO or std.max(initial=0.0) < MAX_MODE_STD:
         return joint
     logs = joint.state.shared[: len(problem.free.names)]
-    observed = ObservedStart.of(problem.observer_at(logs), problem.signals)
-    plant, _ = observed.plant(problem.signals, problem.observer_at(logs), count - 1, FRICTION_ERRORS[0])
+    observer = problem.observer_of(joint.models)
+    observed = ObservedStart.of(observer, problem.signals)
+    plant, _ = observed.plant(problem.signals, observer, count - 1, FRICTION_ERRORS[0])
     simpler = _converged(problem, replace(joint.fit, start=joint.fit.start.with_plant(plant)), logs)
     return _without_untold_modes(problem, simpler) if evidence(simpler, joint) > 0 else joint
 
@@ -330,9 +329,7 @@ def _converged(
     problem: MachineProblem, fit: RecordFit, shared: NDArray[np.float64], max_steps: int = MAX_STEPS
 ) -> Fitted:
     """Return the fit in which every response is that of the plant."""
-    free = problem.free
-    if problem.contacts is None and problem.nominal_plant is None:
-        free = FreeParameters(free.friction, nonzero_numbers(fit.start.plant))
+    free = problem.free_of(fit.start.plant)
     joint = replace(fit, free=free, has_own_forces=False)
     missing = np.zeros(len(free.names) - shared.size)
     state = State(np.append(shared, missing), tuple(np.zeros(record.count) for record in fit.records))

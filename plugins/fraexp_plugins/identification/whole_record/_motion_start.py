@@ -36,16 +36,15 @@ from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._shared.usable_records import FORCE_FLOOR, with_harmonics
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
-from fraexp_plugins.identification.whole_record._free_parameters import (
+from fraexp_plugins.identification.whole_record._machine_problem import (
     DEAD_TIME,
     DISPLACEMENT_SCALE,
     FORCE_SCALE,
     SCALES,
     FreeParameters,
+    MachineProblem,
     Models,
-    nonzero_numbers,
 )
-from fraexp_plugins.identification.whole_record._machine_problem import MachineProblem
 from fraexp_plugins.plants.modal import Modal
 
 PLANT_MODEL_ERROR = 1e-3
@@ -54,6 +53,10 @@ MAX_FRICTION_RATIO, MIN_POINTS = 3.0, 8
 """Friction over effective input up to which a response is taken for the plant's, if that leaves as many points."""
 MAX_RESPONSE_ERROR = 0.5
 """Relative error by friction up to which it is otherwise."""
+
+
+ANY_PLANT = Modal(rigid_body_gain=1.0)
+"""Plant of a machine of which an observer takes friction and delays alone."""
 
 
 @dataclass(frozen=True)
@@ -404,7 +407,7 @@ class MotionRecords:
     def forces(self, models: Models) -> NDArray[np.complex128]:
         """Return G U - F [N] at all lines, shape (n,)."""
         friction = models.friction
-        ((force_scale, displacement_scale),) = models.replay.scales.values()
+        force_scale, displacement_scale = models.scales
         forces = friction.forces([_scaled_motion(motion, displacement_scale) for motion in self._motions])
         sums = [
             fourier_sums(force.reshape(periods, -1), segment.lines).mean(axis=0)
@@ -496,8 +499,14 @@ class _Search:
 
 
 def fits_along_motion(problem: MachineProblem) -> list[MotionFit]:
-    """Return plant and friction with which a law explains the measured motion, from the best starts, the best first."""
-    observer = problem.observer_at(np.zeros(len(problem.free.names)))
+    """Return plant and friction with which a law explains the measured motion, from the best starts, the best first.
+
+    The one position of a machine with several contacts does not say how each of them moves: its start is the given one.
+    """
+    if problem.frictions:
+        assert problem.nominal_plant is not None
+        return [MotionFit(problem.nominal_plant, np.zeros(len(problem.free.names)), np.nan)]
+    observer = problem.observer.resolve_oversampling(problem.signals.segments)
     records = MotionRecords(problem.signals.segments, observer)
     found: list[MotionFit] = []
     for start in _starts(problem, observer)[:MAX_STARTS]:
@@ -512,7 +521,7 @@ def _starts(problem: MachineProblem, observer: EffectiveInput) -> list[NDArray[n
     if not set(SCALES) & set(problem.free.friction):
         return [np.zeros(len(problem.free.names))]
     search = ScaleSearch(problem.signals.segments, observer, problem.free.friction)
-    return [problem.free.from_scales(scales) for scales in search.starts()]
+    return [problem.free.logs_of(scales) for scales in search.starts()]
 
 
 def _fit_from(problem: MachineProblem, records: MotionRecords, start: NDArray[np.float64]) -> MotionFit:
@@ -525,10 +534,9 @@ def _fit_from(problem: MachineProblem, records: MotionRecords, start: NDArray[np
         logs = start if best is None else best.shared[: start.size]
         found = []
         for with_delay, plant in _plants(problem, logs, best):
-            names = () if problem.nominal_plant is not None else nonzero_numbers(plant)
-            models = problem.fit_around(plant).start
-            search = _Search(records, FreeParameters(problem.free.friction, names), models, start)
-            place = search.minimum(np.concatenate([with_delay, np.zeros(len(names))]))
+            free = problem.free_of(plant)
+            search = _Search(records, free, problem.models_around(plant), start)
+            place = search.minimum(np.concatenate([with_delay, np.zeros(len(free.plant))]))
             found.append(MotionFit(plant, place, float(np.mean(search.residual(place) ** 2))))
             if found[-1].residual < EXPLAINED:
                 return found[-1]
@@ -550,7 +558,7 @@ def _plants(
     if problem.nominal_plant is not None:
         yield from [(logs, problem.nominal_plant)] if best is None else []
         return
-    observer = problem.observer_at(logs)
+    observer = problem.observer_of(problem.free.applied_to(problem.models_around(ANY_PLANT), logs))
     observed = ObservedStart.of(observer, problem.signals)
     before = len(best.plant.frequencies) if best is not None and isinstance(best.plant, Modal) else 0
     error = FRICTION_ERRORS[best is not None]

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import ParameterError
-from fraexp_plugins.identification.whole_record._free_parameters import FreeParameters, Models
+from fraexp.api import ParameterError, Plant
 from fraexp_plugins.identification.whole_record._joint_fit import (
     FitStep,
     LinearRecord,
@@ -16,6 +15,7 @@ from fraexp_plugins.identification.whole_record._joint_fit import (
     fit_linear,
     interval_loss,
 )
+from fraexp_plugins.identification.whole_record._machine_problem import FreeParameters, MachineProblem, Models
 from fraexp_plugins.identification.whole_record._replayed_record import (
     ReplayedRecord,
     Trial,
@@ -100,6 +100,13 @@ class RecordFit:
     directions: NDArray[np.float64] | None = None
     """Changes of the shared parameters by which derivatives are taken, in columns, shape (p, p); each by itself if none
     are given."""
+
+    @classmethod
+    def around(cls, problem: MachineProblem, plant: Plant) -> "RecordFit":
+        """Return the fit of all records to a machine with this plant and the friction at the start."""
+        observer = problem.observer
+        records = [ReplayedRecord.of(segment, observer) for segment in problem.signals.segments]
+        return cls(records, problem.models_around(plant), problem.free, observer.resolution, observer.noise)
 
     def converge(
         self, state: State, min_gain: float, max_steps: int = MAX_STEPS, known: LinearisedFit | None = None

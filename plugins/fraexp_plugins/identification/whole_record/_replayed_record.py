@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Plant, Replay, Replayed, ReplayModel, Segment, replay
-from fraexp_plugins.identification.whole_record._free_parameters import Models
+from fraexp_plugins.estimators.effective_input import EffectiveInput
+from fraexp_plugins.identification.whole_record._machine_problem import Models
 
 DRIFT_STDS = 4.0
 """Standard deviations of scatter, from which a drift is none."""
@@ -46,6 +47,13 @@ class ReplayedRecord:
     """Estimate of the drift [m], shape (n,), that a replay does not follow: a leap at its end would shake the model."""
     is_weakly_pulled: bool = False
     """Whether a replay is pulled towards the record by no more than ends an offset."""
+
+    @classmethod
+    def of(cls, segment: Segment, observer: EffectiveInput) -> "ReplayedRecord":
+        """Return a segment with the delays around the plant that an observer has."""
+        omega = 2 * np.pi * segment.frequency
+        path = observer.input_path(omega, segment.sample_time) * observer.output_path(omega)
+        return cls(segment, observer.input, observer.output, path)
 
     @property
     def frequency(self) -> NDArray[np.float64]:

@@ -30,18 +30,17 @@ from fraexp.api import (
 from fraexp_plugins.excitations.sine_list import SineList
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification.whole_record._fit_report import FitReport
-from fraexp_plugins.identification.whole_record._free_parameters import (
+from fraexp_plugins.identification.whole_record._machine_problem import (
     DEAD_TIME,
     FreeParameters,
-    nonzero_numbers,
 )
-from fraexp_plugins.identification.whole_record._joint_fit import NOISE
 from fraexp_plugins.identification.whole_record._plan_search import (
     Plan,
     PlannedRecord,
     PlanSearch,
     planned_records,
 )
+from fraexp_plugins.identification.whole_record._record_fit import RecordFit
 from fraexp_plugins.identification.whole_record.maximum_likelihood import MaximumLikelihood
 
 UNIFORM, DESIGNED = "uniform plan", "designed plan"
@@ -122,11 +121,8 @@ class ExcitationDesign(Estimator, name="excitation_design", version=4):
         fit = report.found.fit
         noise = fit.noise if report.noise is None else report.noise.value
         frequencies = np.unique(np.concatenate([record.frequency for record in fit.records]))
-        free = tuple(name for name in fit.free.friction if name != NOISE)
-        parameters = nonzero_numbers(models.plant) if fit.free.plant else ()
         return _Preliminary(
-            models.plant, friction, models.replay.input_path[0], noise, FreeParameters(free, parameters),
-            tuple(frequencies.tolist()),
+            models.plant, friction, models.replay.input_path[0], noise, fit.free, tuple(frequencies.tolist()),
         )  # fmt: skip
 
     def _search(self, known: "_Preliminary") -> PlanSearch:
@@ -168,7 +164,7 @@ class ExcitationDesign(Estimator, name="excitation_design", version=4):
                 "amplitudes, or correct controller and loop"
             )
         method = self.method.model_copy(update={"input_dead_time": known.dead_time})
-        fit = method.problem(signals, known.noise, known.friction).fit_around(known.plant)
+        fit = RecordFit.around(method.problem(signals, known.noise, known.friction), known.plant)
         return planned_records(replace(fit, free=known.free), sines.amplitudes)
 
     def _with_plans(self, found: Result, search: PlanSearch, uniform: Plan, designed: Plan) -> Result:

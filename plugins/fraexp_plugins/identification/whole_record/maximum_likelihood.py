@@ -23,20 +23,20 @@ from fraexp_plugins.identification._shared.usable_records import (
     usable_signals,
 )
 from fraexp_plugins.identification.whole_record._fit_report import FitReport
-from fraexp_plugins.identification.whole_record._free_parameters import (
-    DEAD_TIME,
-    SCALES,
-    FreeParameters,
-    parameters_of_contacts,
-)
-from fraexp_plugins.identification.whole_record._joint_fit import NOISE, likely_noise, noise_in_records
+from fraexp_plugins.identification.whole_record._joint_fit import likely_noise, noise_in_records
 from fraexp_plugins.identification.whole_record._law_selection import try_laws, with_verdict
 from fraexp_plugins.identification.whole_record._machine_fit import Fitted, fit_machine, least_told
-from fraexp_plugins.identification.whole_record._machine_problem import MachineProblem, machine
+from fraexp_plugins.identification.whole_record._machine_problem import (
+    DEAD_TIME,
+    NOISE,
+    SCALES,
+    FreeParameters,
+    MachineProblem,
+)
 from fraexp_plugins.identification.whole_record._motion_start import ROUGH_LAWS, rough_friction
 
 
-class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=9):
+class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=10):
     """P̂ of greatest likelihood: a simulated machine that repeats all samples of the records, friction included.
 
     The observer of `effective_input` drives its friction model by measured positions, and takes the small difference of
@@ -141,14 +141,20 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=9):
         if self.frictions and not self._is_open:
             if self.nominal_plant is None:
                 raise ParameterError("maximum_likelihood.nominal_plant is missing; expected the plant of all contacts")
-            return
-        if len(contacts) > 1:
+            for contact in self.frictions:
+                if contact not in contacts:
+                    raise ParameterError(
+                        f"maximum_likelihood.frictions: the nominal plant has no contact '{contact}'; known: "
+                        f"{', '.join(contacts)}"
+                    )
+        elif len(contacts) > 1:
             raise ParameterError(
                 f"maximum_likelihood.nominal_plant has friction at {len(contacts)} contacts ({', '.join(contacts)}); "
                 "give the model of each one in frictions"
             )
-        for model in self.starts if self._is_open else (self.law,):
-            FreeParameters(self._free_of(model)).check(model)
+        for model in self.starts if self._is_open else (self.friction,):
+            if model is not None or self.frictions:
+                self._free_of(model)
 
     def estimate(self, signals: Signals) -> Result:
         """Return P̂ with its band, the friction parameters, and how well the model repeats the records."""
@@ -178,7 +184,7 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=9):
         """Return the fit of the one machine at the start to signals that have segments."""
         (check_one_thrust if self.frictions else check_one_contact)(signals, self.name)
         used, noise = self._used(signals)
-        return self._report(self.problem(used, noise, Frictionless() if self.frictions else self.law))
+        return self._report(self.problem(used, noise, None if self.frictions else self.law))
 
     def _used(self, signals: Signals) -> tuple[Signals, float]:
         """Return the records that can be fitted, and their noise [m]."""
@@ -194,7 +200,7 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=9):
             held.append(untold)
             problem = problem.leave_out(untold)
             found, starts = fit_machine(problem)
-        if self.frictions or NOISE not in (self.free or ()):
+        if NOISE not in (self.free or ()):
             return FitReport(problem.signals, found, starts, held)
         level = likely_noise(found.linear.records, float(found.fit.freedom.sum()))
         return FitReport(problem.signals, found.with_noise(level.value), starts, held, level)
@@ -204,23 +210,25 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=9):
         rough = rough_friction(signals, self._observer(Frictionless(), noise)) if self.laws else None
         return [*([rough.model(law) for law in self.laws] if rough else []), *self.starts]
 
-    def _free_of(self, model: FrictionModel) -> tuple[str, ...]:
-        """Return what is free of a friction model at the one contact."""
+    def _free_of(self, model: FrictionModel | None) -> FreeParameters:
+        """Return what is free of a friction model at the one contact, or of all contacts and the plant."""
         if self._is_open:
-            return (*SCALES, *shape_parameters(model), *(name for name in self.free or () if name == DEAD_TIME))
-        return tuple(name for name in (SCALES if self.free is None else self.free) if name != NOISE)
+            assert model is not None
+            shape = shape_parameters(model)
+            return FreeParameters((*SCALES, *shape, *(name for name in self.free or () if name == DEAD_TIME)))
+        if self.frictions:
+            return FreeParameters.chosen(self.free, self.frictions, self.nominal_plant)
+        assert model is not None
+        return FreeParameters.chosen(self.free, {"": model}, None)
 
-    def problem(self, signals: Signals, noise: float, friction: FrictionModel) -> MachineProblem:
+    def problem(self, signals: Signals, noise: float, friction: FrictionModel | None = None) -> MachineProblem:
         """Return what is fitted to signals with this noise [m], if friction is this at the start of the one contact."""
-        observer = self._observer(friction, noise)
-        if not self.frictions or self._is_open:
-            free = FreeParameters(self._free_of(friction))
-            return MachineProblem(signals, observer, free, self.nominal_plant, self.modes)
-        assert self.nominal_plant is not None
-        ports = self.thrust, self.position
-        start = machine(self.nominal_plant, self.frictions, ports, observer, signals.segments[0].sample_time)
-        free = parameters_of_contacts(start, self.free or ())
-        return MachineProblem(signals, observer, free, self.nominal_plant, self.modes, start)
+        law = Frictionless() if friction is None else friction
+        contacts = {} if self._is_open else self.frictions
+        return MachineProblem(
+            signals, self._observer(law, noise), self._free_of(friction), self.nominal_plant, self.modes, contacts,
+            (self.thrust, self.position) if contacts else ("", ""),
+        )  # fmt: skip
 
     def _observer(self, friction: FrictionModel, noise: float) -> EffectiveInput:
         shared = {name: getattr(self, name) for name in DelayedEstimator.model_fields}
