@@ -1,13 +1,13 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.kinds.coherence import coherence_info, draw_coherence
 from tests.figures.curves import make_response
+from tests.refusals import refused
 
 GRID = np.array([1.0, 3.0, 2.0])
 
@@ -43,5 +43,5 @@ def test_one_panel_is_drawn_if_one_is_known_and_decades_have_their_axis() -> Non
 
 
 def test_without_either_it_says_what_would_tell_them() -> None:
-    with pytest.raises(FraexpError, match="a stepped sine gives distortion"):
+    with refused(FraexpError, "coherence", "distortion"):
         coherence_info([shown("nothing")])

@@ -8,6 +8,7 @@ from fraexp.errors import FraexpError
 from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.kinds.difference import difference_curve, difference_info, draw_difference, response_difference
 from tests.figures.curves import make_response
+from tests.refusals import refused
 
 GRID = np.array([1.0, 2.0, 4.0, 8.0])
 
@@ -57,11 +58,11 @@ def test_what_shares_nothing_with_the_first_is_left_out_and_told() -> None:
     assert [curve.label for curve in info.curves] == ["near"]
     assert info.left_out == ("far",)
     assert [text.get_text() for text in draw_difference(info).legends[0].get_texts()] == ["near"]
-    with pytest.raises(FraexpError, match="shares settled frequencies with the first, first"):
+    with refused(FraexpError, "difference", "first"):
         difference_info([first, far])
-    with pytest.raises(FraexpError, match="found 1 responses"):
+    with refused(FraexpError, "1 responses"):
         difference_info([first])
-    with pytest.raises(FraexpError, match="several units"):
+    with refused(FraexpError, "units"):
         difference_info([first, shown("other", make_response(GRID, np.ones(4), unit="rad/N"))])
 
 
