@@ -24,4 +24,5 @@ def refused(kind: type[Exception] | tuple[type[Exception], ...], *names: object)
     text = str(caught.value)
     assert "\n" not in text
     for name in expected:
-        assert re.search(rf"(?<!\w)(?<!\d\.){re.escape(name)}(?!\w|\.\d)", text), f"{name!r} is not in {text!r}"
+        whole = rf"(?:\b|(?!\w))(?<!\d\.){re.escape(name)}(?:\b|(?<!\w))(?!\.\d)"
+        assert re.search(whole, text), f"{name!r} is not in {text!r}"

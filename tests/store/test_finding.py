@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from fraexp.data.findings import remarks
 from fraexp.data.results import Metric, Outcome, Result
 from fraexp.data.sweep import Sweep
-from fraexp.errors import StoreError
+from fraexp.errors import FilterError
 from fraexp.store import Store
 from fraexp.store.queries.filters import parse_filter
 from tests.examples import portion
+from tests.refusals import refused
 
 OK = Result(Outcome.OK)
 
@@ -105,36 +106,35 @@ def test_a_filter_lets_through_what_it_says(filled):
 
 
 @pytest.mark.parametrize(
-    "text, says",
+    ("text", "names"),
     [
-        ("amplitud>3", r"nothing in the database has 'amplitud'; did you mean 'excitation.amplitude'\?"),
-        ("name=x", "'name' is ambiguous; expected one of: estimator.name, excitation.name, friction.name"),
-        ("friction.curve.coulomb_force=seventy", "'seventy' is not a number; expected one such as 12, 1e-6 or 0.1um"),
-        ("coulomb_force:70x", "'coulomb_force:70x': '70x' is not a number"),
-        ("metric.stroke>1", "nothing in the database has 'metric.stroke'"),
-        ("state:fialed", "there is no state 'fialed'; did you mean 'failed'"),
-        ("estimator>x", "compares a text; expected estimator= or estimator:"),
-        ("created>soon", "is not a date; expected one such as"),
-        ('note:"open', "a quote is not closed"),
-        ("tag:", "has no value"),
-        ("=3", "has no field"),
-        ("-", "is empty"),
-        ("excitation.amplitude", "is a parameter; expected a comparison, such as excitation.amplitude=VALUE"),
-        ("elapsed>1mm", "'elapsed>1mm': 'mm' is not a unit of the same kind as 's'"),
-        ('metric."peak force">14kg', "'kg' is not a unit of the same kind as 'N'"),
-        ("excitation.amplitude>=12kg", "'kg' is not a unit of the same kind as 'N' or 'm'"),
-        ("excitation.amplitude >= 20 N m", "20 N m': 'N m' is not a unit of the same kind as 'N' or 'm', or quotes a"),
-        ("excitation.amplitude >= ", "'excitation.amplitude>=' has no value"),
-        ("estimator=propsed", "no sweep has the estimator 'propsed'; did you mean 'proposed'"),
+        ("amplitud>3", ["'amplitud'", "'excitation.amplitude'"]),
+        ("name=x", ["'name'", "estimator.name, excitation.name, friction.name"]),
+        ("friction.curve.coulomb_force=seventy", ["'seventy'", "1e-6"]),
+        ("coulomb_force:70x", ["'coulomb_force:70x'", "'70x'"]),
+        ("metric.stroke>1", ["'metric.stroke'"]),
+        ("state:fialed", ["'fialed'", "'failed'"]),
+        ("estimator>x", ["'estimator>x'", "estimator=", "estimator:"]),
+        ("created>soon", ["'soon'", "yesterday"]),
+        ('note:"open', ["quote", """'note:"open'"""]),
+        ("tag:", ["'tag:'", "tag:ok"]),
+        ("=3", ["'=3'", "tag:baseline"]),
+        ("-", ["'-'", "tag:baseline"]),
+        ("excitation.amplitude", ["excitation.amplitude=VALUE"]),
+        ("elapsed>1mm", ["'elapsed>1mm'", "'mm'", "'s'"]),
+        ('metric."peak force">14kg', ["'kg'", "'N'"]),
+        ("excitation.amplitude>=12kg", ["'kg'", "'N'", "'m'"]),
+        ("excitation.amplitude >= 20 N m", ["'N m'", "'N'", "'m'", "quotes"]),
+        ("excitation.amplitude >= ", ["'excitation.amplitude>='"]),
+        ("estimator=propsed", ["'propsed'", "'proposed'"]),
     ],
 )
-def test_a_filter_that_cannot_be_understood_is_refused_in_one_line(filled, url, text, says):
+def test_a_filter_that_cannot_be_understood_is_refused_in_one_line(filled, url, text, names):
     units = {"excitation.amplitude": {"stepped_sine": ["N", "m"]}}
     with Store.open(url, read_only=True, units=lambda path: units.get(path, {})) as store:
-        with pytest.raises(StoreError, match=says) as caught:
+        with refused(FilterError, "filter", *names):
             store.page(text)
         assert store.page("excitation.amplitude>=0.012kN excitation.amplitude>1um").total == 2
-    assert "\n" not in str(caught.value)
 
 
 def test_a_unit_finds_components_that_declare_it_and_is_refused_if_none_is_stored(store, url):
@@ -143,7 +143,7 @@ def test_a_unit_finds_components_that_declare_it_and_is_refused_if_none_is_store
     units = {"stepped_sine": ["N"], "sine_motion": ["m"]}
     number = store.begin_run("both", "f", "c", {}, [thrust])
     with Store.open(url, read_only=True, units=lambda path: units) as reader:
-        with pytest.raises(StoreError, match=r"'mm' is not a unit of the same kind as 'N'$"):
+        with refused(FilterError, "'mm'", "'N'"):
             reader.page("excitation.amplitude>=20mm")
         store.save(number, [(thrust, OK, {})])
         store.begin_run("both", "f", "c", {}, [thrust, motion])
@@ -175,7 +175,7 @@ def test_a_torque_finds_rotary_axes_and_a_force_straight_ones(store, url):
     )
     store.begin_run("one", "f", "c", {}, [straight])
     with Store.open(url, read_only=True, units=lambda path: {"stepped_sine": ["N"]}) as reader:
-        with pytest.raises(StoreError, match="'N m' is not a unit of the same kind as 'N', or quotes around a word"):
+        with refused(FilterError, "'N m'", "'N'", "quotes"):
             reader.page("excitation.amplitude >= 1 N m")
         store.begin_run("both", "f", "c", {}, [straight, turning])
         assert found(reader, "excitation.amplitude >= 1 N m") == {"turning"}
@@ -194,7 +194,7 @@ def test_a_listing_is_sorted_with_what_lacks_a_value_last(filled):
     assert cases("-case") == ["d", "c_%", "b", "a"]
     assert cases("", run=2) == ["d", "c_%", "a"]
     assert cases("-case", offset=1, limit=2) == ["c_%", "b"]
-    with pytest.raises(StoreError, match="order: nothing in the database has 'estimater'"):
+    with refused(FilterError, "order", "'estimater'", "'estimator'"):
         cases("estimater")
 
 

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from fraexp.errors import StoreError
+from fraexp.errors import StoreError, UnavailableError
 from fraexp.store import Store
 from fraexp.store.tables import SCHEMA_NUMBER
+from tests.refusals import refused
 
 HOLDS = """
 import sqlite3, sys
@@ -26,13 +27,11 @@ def snapshot(folder: Path) -> dict[str, bytes]:
     return {item.name: item.read_bytes() for item in sorted(folder.iterdir()) if item.is_file()}
 
 
-def refused(path: Path, match: str, **options) -> None:
-    """Check that opening fails in one line and leaves the folder as it was."""
+def check_refused(path: Path, *names: str, **options) -> None:
+    """Check that opening fails and leaves the folder as it was."""
     before = snapshot(path.parent) if path.parent.is_dir() else None
-    with pytest.raises(StoreError, match=match) as caught:
+    with refused(StoreError, path, *names):
         Store.open(str(path), timeout=0.1, **options)
-    assert "\n" not in str(caught.value)
-    assert str(path) in str(caught.value)
     assert (snapshot(path.parent) if path.parent.is_dir() else None) == before
 
 
@@ -41,9 +40,9 @@ BOTH = pytest.mark.parametrize("options", [{"create": True}, {"read_only": True}
 
 @pytest.mark.parametrize("options", [{}, {"read_only": True}])
 def test_a_missing_file_is_made_only_when_asked(path, options):
-    refused(path, "there is no database yet; 'fraexp run STUDY' makes one", **options)
+    check_refused(path, "fraexp run STUDY", **options)
     path.touch()
-    refused(path, "there is no database yet", **options)
+    check_refused(path, "fraexp run STUDY", **options)
 
 
 def test_an_empty_file_becomes_a_database(path):
@@ -65,7 +64,7 @@ def test_a_url_and_a_path_name_the_same_file(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("url", ["sqlite://", "sqlite:///", ":memory:", "", "mysql://host/base", "a\0b"])
 def test_what_names_no_file_is_refused(url):
-    with pytest.raises(StoreError, match=r"names no file|mysql databases are not supported; give a file"):
+    with refused(StoreError, url.partition("\0")[0]):
         Store.open(url, create=True)
 
 
@@ -75,24 +74,24 @@ def test_a_foreign_database_is_left_alone(path, options, journal):
     with closing(sqlite3.connect(path)) as connection, connection:
         connection.execute(f"PRAGMA journal_mode = {journal}")
         connection.execute("CREATE TABLE photos (name TEXT)")
-    refused(path, "was not made by fraexp; name another file", **options)
+    check_refused(path, "fraexp", **options)
 
 
 @BOTH
 @pytest.mark.parametrize("content", [b"x", b"time,force\n" * 100])
 def test_a_file_that_is_no_database_is_left_alone(path, options, content):
     path.write_bytes(content)
-    refused(path, "this is not a database; name another file", **options)
+    check_refused(path, "not a database", **options)
 
 
 @BOTH
 def test_a_folder_is_no_database(path, options):
     path.mkdir()
-    refused(path, "this is not a file; name a database file", **options)
+    check_refused(path, "not a file", **options)
 
 
 def test_a_folder_that_does_not_exist_is_not_made(tmp_path):
-    refused(tmp_path / "absent" / "results.db", "there is no folder .*absent; make it", create=True)
+    check_refused(tmp_path / "absent" / "results.db", f"folder {tmp_path / 'absent'}", create=True)
 
 
 @BOTH
@@ -104,20 +103,18 @@ def test_a_database_of_another_schema_is_left_alone(store, path, options, statem
     store.close()
     with closing(sqlite3.connect(path)) as connection, connection:
         connection.execute(statement)
-    refused(
-        path, f"the database has {found}, this fraexp needs schema {SCHEMA_NUMBER}; open it with the version", **options
-    )
+    check_refused(path, found, f"schema {SCHEMA_NUMBER}", "--db", **options)
 
 
 def test_a_damaged_database_is_reported(store, path):
     store.close()
     path.write_bytes(path.read_bytes()[:100] + b"\xff" * 5000)
-    refused(path, "the database is damaged .*; restore a copy", create=True)
+    check_refused(path, "damaged", "restore COPY", create=True)
 
 
 def test_a_locked_database_is_reported_and_nothing_is_written(store, path, program, sweep, result):
     with program(HOLDS, path, "BEGIN IMMEDIATE"), Store.open(str(path), timeout=0.1) as hasty:
-        with pytest.raises(StoreError, match=r"results.db: the database is locked by another process .*; wait until"):
+        with refused(UnavailableError, path):
             hasty.begin_run("s", "f", "c", {}, [sweep()])
         assert store.runs() == []  # reading needs no lock
     assert store.begin_run("s", "f", "c", {}, [sweep()]) == 1
@@ -126,14 +123,12 @@ def test_a_locked_database_is_reported_and_nothing_is_written(store, path, progr
 @BOTH
 def test_a_database_locked_against_readers_is_reported(store, path, program, options):
     store.close()
-    locked = pytest.raises(StoreError, match="the database is locked by another process")
-    with program(HOLDS, path, "PRAGMA locking_mode = EXCLUSIVE"), locked:
+    with program(HOLDS, path, "PRAGMA locking_mode = EXCLUSIVE"), refused(UnavailableError, path):
         Store.open(str(path), timeout=0.1, **options)
 
 
 def test_a_reader_cannot_write(store, path, sweep):
-    refused_writing = pytest.raises(StoreError, match="the database is open for reading only")
-    with Store.open(str(path), read_only=True) as reader, refused_writing:
+    with Store.open(str(path), read_only=True) as reader, refused(StoreError, path, "reading only"):
         reader.begin_run("s", "f", "c", {}, [sweep()])
 
 
@@ -157,8 +152,8 @@ def locked_folder():
 
 @pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
 def test_a_read_only_folder_is_reported_and_its_database_can_be_read(locked_folder):
-    refused(locked_folder / "results.db", "the folder is read-only; choose", create=True)
-    refused(locked_folder / "old.db", "the folder is read-only; choose", create=True)
+    check_refused(locked_folder / "results.db", "read-only", create=True)
+    check_refused(locked_folder / "old.db", "read-only", create=True)
     with Store.open(str(locked_folder / "old.db"), read_only=True) as store:
         assert store.run(1).study == "s"
 
@@ -169,5 +164,5 @@ def test_a_file_that_may_not_be_read_is_reported(locked_folder):
     (locked_folder / "old.db").chmod(0)
     if os.getuid() == 0:
         os.seteuid(65534)
-    with pytest.raises(StoreError, match=r"old.db: cannot be read .*; choose another database"):
+    with refused(StoreError, locked_folder / "old.db"):
         Store.open(str(locked_folder / "old.db"), read_only=True)

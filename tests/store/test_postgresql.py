@@ -11,6 +11,7 @@ from fraexp.errors import StoreError
 from fraexp.store import Store, masked_url
 from fraexp.store.backends.postgresql import WRITE_LOCK_ID
 from tests.postgresql import running
+from tests.refusals import refused
 from tests.waiting import HANG_TIMEOUT_S
 
 pytestmark = pytest.mark.thorough
@@ -32,25 +33,22 @@ def guarded(server):
     return server.url("guarded", f"guarded:{quote(SECRET, safe='')}")
 
 
-def refused(url: str, match: str, **options) -> None:
-    with pytest.raises(StoreError, match=match) as caught:
+def check_refused(url: str, *names: str, **options) -> None:
+    with refused(StoreError, *names) as caught:
         Store.open(url, timeout=0.5, **options)
-    assert "\n" not in str(caught.value)
     assert SECRET not in str(caught.value)
     assert "wrong-secret" not in str(caught.value)
 
 
 def test_what_keeps_us_out_is_one_line_without_the_password(server, guarded):
-    refused(
-        "postgresql://u:wrong-secret@127.0.0.1:1/d", r"u:\*\*\*@127.0.0.1:1/d: the server cannot be reached .* port"
-    )
-    refused(server.url("guarded", "guarded:wrong-secret"), r"user and password do not fit .*; check them")
-    refused(server.url("guarded", "guarded"), "the server asks for a password .* ~/.pgpass")
-    refused(server.url("absent"), r"the database does not exist .*; make it, for example with createdb")
-    refused(server.url(user="stranger"), r"the user does not exist .*; check the user")
-    refused("postgresql://u:wrong-secret@127.0.0.1", "no database is named; expected postgresql://")
-    refused("postgresql://u:wrong-secret@127.0.0.1:port/d", "is not a URL; expected postgresql://")
-    refused("oracle://u:wrong-secret@h/d", r"oracle://u:\*\*\*@h/d: oracle databases are not supported")
+    check_refused("postgresql://u:wrong-secret@127.0.0.1:1/d", "u:***@127.0.0.1:1/d", "port")
+    check_refused(server.url("guarded", "guarded:wrong-secret"), "user and password")
+    check_refused(server.url("guarded", "guarded"), "~/.pgpass")
+    check_refused(server.url("absent"), "absent", "createdb")
+    check_refused(server.url(user="stranger"), "stranger")
+    check_refused("postgresql://u:wrong-secret@127.0.0.1", "database", "postgresql://")
+    check_refused("postgresql://u:wrong-secret@127.0.0.1:port/d", "URL", "postgresql://")
+    check_refused("oracle://u:wrong-secret@h/d", "oracle://u:***@h/d")
 
 
 @pytest.mark.parametrize(
@@ -68,20 +66,20 @@ def test_a_password_is_not_shown(url, told):
 
 
 def test_an_empty_database_becomes_ours_and_another_programs_does_not(server, base):
-    refused(base, "there is no database yet; 'fraexp run STUDY' makes one")
-    refused(base, "there is no database yet", read_only=True)
+    check_refused(base, "fraexp run STUDY")
+    check_refused(base, "fraexp run STUDY", read_only=True)
     assert not Store.exists(base)
     Store.open(base, create=True).close()
     assert Store.exists(base)
     foreign = server.new()
     schema = foreign.rpartition("%3D")[2]
     server.sql(f"CREATE TABLE {schema}.photos (name text)")
-    refused(foreign, "there is a table 'photos' of others; make a database for fraexp", create=True)
+    check_refused(foreign, "'photos'", create=True)
 
 
 def test_a_reader_cannot_write_and_a_user_without_rights_is_told(server, base):
     Store.open(base, create=True).close()
-    with Store.open(base, read_only=True) as reader, pytest.raises(StoreError, match="open for reading only"):
+    with Store.open(base, read_only=True) as reader, refused(StoreError, "reading only"):
         reader.begin_run("s", "f", "c", {}, [])
     schema = base.rpartition("%3D")[2]
     if not server.sql("SELECT 1 FROM pg_roles WHERE rolname = 'looker'"):
@@ -89,7 +87,7 @@ def test_a_reader_cannot_write_and_a_user_without_rights_is_told(server, base):
     server.sql(f"GRANT USAGE ON SCHEMA {schema} TO looker")
     server.sql(f"GRANT SELECT ON ALL TABLES IN SCHEMA {schema} TO looker")
     looking = base.replace("tester@", "looker@")
-    with Store.open(looking) as store, pytest.raises(StoreError, match="the user may not do this here; ask for"):
+    with Store.open(looking) as store, refused(StoreError, "user"):
         store.begin_run("s", "f", "c", {}, [])
     with Store.open(looking, read_only=True) as store:
         assert store.runs() == []
@@ -103,7 +101,7 @@ def test_a_writer_that_does_not_end_is_told_and_does_not_stop_the_heart(server, 
         with psycopg.connect(server.url()) as other:
             other.execute(f"SELECT pg_advisory_xact_lock({WRITE_LOCK_ID})")
             store.beat(run)
-            with pytest.raises(StoreError, match="another run writes, and does not come to an end; wait, or stop it"):
+            with refused(StoreError, "another run"):
                 store.begin_run("s", "f", "c", {}, [])
         assert store.begin_run("s", "f", "c", {}, []) > run
 
@@ -111,7 +109,7 @@ def test_a_writer_that_does_not_end_is_told_and_does_not_stop_the_heart(server, 
 def test_another_schema_is_left_alone(base, server):
     Store.open(base, create=True).close()
     server.sql(f"UPDATE {base.rpartition('%3D')[2]}.fraexp_schema SET number = 99")
-    refused(base, "the database has schema 99, this fraexp needs schema", create=True)
+    check_refused(base, "schema 99", create=True)
 
 
 def test_a_store_survives_a_restart_of_the_server(sweep):
@@ -123,9 +121,8 @@ def test_a_store_survives_a_restart_of_the_server(sweep):
             assert store.begin_run("s", "f", "c", {}, [sweep()]) == 2
             server.process.send_signal(signal.SIGINT)
             server.process.wait(HANG_TIMEOUT_S)
-            with pytest.raises(StoreError, match=r"the server cannot be reached|has been shut down") as caught:
+            with refused(StoreError, "server"):
                 store.runs()
-            assert "\n" not in str(caught.value)
 
 
 def test_the_commands_work_on_a_server_and_keep_its_password(server, guarded, tmp_path, monkeypatch, capsys):

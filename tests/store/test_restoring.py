@@ -11,6 +11,7 @@ from fraexp.data.results import Metric, Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.errors import StoreError
 from fraexp.store import Store
+from tests.refusals import refused
 
 WRITES = """
 import sys
@@ -73,7 +74,7 @@ def test_a_copy_laid_over_a_file_beside_a_dead_writers_log_is_read_and_the_log_i
     shutil.copyfile(copy, killed)
     before = killed.read_bytes(), Path(f"{killed}-wal").read_bytes()
     assert contents(killed) == [(1, 100)]
-    with pytest.raises(StoreError, match=r"the log results.db-wal beside it belongs to another file; 'fraexp restore "):
+    with refused(StoreError, killed, "results.db-wal", "'fraexp restore"):
         Store.open(str(killed))
     assert main(["merge", str(killed), "--db", str(killed.with_name("saved.db"))]) == ExitCode.OK
     assert "belongs to another file" in capsys.readouterr().err
@@ -106,21 +107,21 @@ def test_a_copy_is_made_while_a_run_writes(path, program):
 def test_nothing_is_restored_under_a_process_that_has_the_database_open(path, copy, program):
     with program(WRITES, path, 100, 200):
         before = names(path.parent)
-        with pytest.raises(StoreError, match="another process has the database open; end the run"):
+        with refused(StoreError, path, "another process", "'fraexp stop'"):
             Store.restore(str(path), str(copy))
         assert names(path.parent) == before
     with Store.open(str(path)) as store:
         store.begin_run("s", "f", "c", {}, [])
-        with pytest.raises(StoreError, match="run 3 is running; stop it with 'fraexp stop 3' first"):
+        with refused(StoreError, path, "run 3", "fraexp stop 3"):
             Store.restore(str(path), str(copy))
 
 
 def test_a_damaged_or_missing_copy_is_not_restored(path, copy):
     before = path.read_bytes()
     copy.write_bytes(copy.read_bytes()[:-20000] + b"\xff" * 20000)
-    with pytest.raises(StoreError, match="damaged"):
+    with refused(StoreError, copy, "damaged"):
         Store.restore(str(path), str(copy))
-    with pytest.raises(StoreError, match="there is no database yet"):
+    with refused(StoreError, "absent.db"):
         Store.restore(str(path), str(path.with_name("absent.db")))
     assert path.read_bytes() == before
     assert names(path.parent) == ["copy.db", "results.db"]

@@ -14,6 +14,7 @@ from fraexp.data.sweep import Sweep
 from fraexp.errors import StoreError
 from fraexp.store import Store, StoredState
 from tests.examples import portion
+from tests.refusals import refused
 
 
 def same(one: Any, other: Any) -> bool:
@@ -142,7 +143,7 @@ def test_listing_sweeps_does_not_touch_arrays(store, begin, sweep, result, sql):
     store.save(run, [(sweep(), result(), {})])
     sql("UPDATE frequency_response SET response = :bytes", bytes=b"\0")
     assert store.sweeps(run)[0].outcome is Outcome.OK
-    with pytest.raises(StoreError, match=r"do not match their digest: they are damaged"):
+    with refused(StoreError, sweep().key[4:12], "digest"):
         store.result(sweep().key)
 
 
@@ -150,14 +151,14 @@ def test_an_array_of_objects_is_refused_and_nothing_is_stored(store, begin, swee
     run = begin([sweep(0), sweep(1)])
     curve = Curve("bad", {"x": np.array([None, {}], dtype=object)}, {"x": "m"})
     batch = [(sweep(0), result(), {}), (sweep(1), Result(Outcome.OK, curves=(curve,)), {})]
-    with pytest.raises(StoreError, match="column 'x' of curve 'bad' contains Python objects"):
+    with refused(StoreError, "column 'x'", "curve 'bad'"):
         store.save(run, batch)
     assert store.stored_states([sweep(0).key, sweep(1).key]) == {}
     assert store.run(run).computed == 0
 
 
 def test_what_is_not_plain_data_is_refused_and_nothing_is_stored(store, sweep):
-    with pytest.raises(StoreError, match="Object of type set is not JSON serializable"):
+    with refused(StoreError, "set"):
         store.begin_run("s", "f", "c", {"packages": {"numpy"}}, [sweep()])
     assert store.runs() == []
 

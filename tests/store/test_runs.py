@@ -2,13 +2,12 @@ import os
 import signal
 from datetime import UTC, datetime, timedelta
 
-import pytest
-
 from fraexp.data.findings import remarks
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import StoreError
 from fraexp.store import Store, liveness
 from fraexp.store.queries import reading
+from tests.refusals import refused
 from tests.store.conftest import reseal
 from tests.waiting import wait_until
 
@@ -72,7 +71,7 @@ def test_an_ended_run_says_how_and_when(store, begin):
     assert summary.state == "partial"
     assert summary.ended is not None
     assert summary.started <= summary.ended <= datetime.now(UTC)
-    with pytest.raises(StoreError, match="cannot end as 'done'; expected one of complete, partial, interrupted"):
+    with refused(StoreError, "'done'", "complete, partial, interrupted"):
         store.end_run(run, "done")
 
 
@@ -119,11 +118,11 @@ def test_a_run_on_another_host_lives_by_its_heartbeat(store, begin, sql, url, ki
 
 
 def test_a_run_that_does_not_exist_is_named_with_the_newest(store, begin):
-    with pytest.raises(StoreError, match="there is no run 1; there is none yet"):
+    with refused(StoreError, "run 1", "fraexp run STUDY"):
         store.run(1)
     begin([])
     for number in (2, 0, -1, 10**30):
-        with pytest.raises(StoreError, match=f"there is no run {number}; the newest is run 1"):
+        with refused(StoreError, f"run {number}", "run 1"):
             store.sweeps(number)
 
 
@@ -141,24 +140,24 @@ def test_a_prefix_of_several_keys_or_of_none_is_refused(store, begin, sweep, mon
     keys = [item.key for item in grid]
     begin(grid)
     shared = next(key[4] for key in keys if sum(other[4] == key[4] for other in keys) > 1)
-    with pytest.raises(StoreError, match=f"'{shared}' is too short for the key of a sweep; give 4 characters or more"):
+    with refused(StoreError, f"'{shared}'", "4 characters"):
         store.find(shared)
     monkeypatch.setattr(reading, "MIN_PREFIX", 1)
-    with pytest.raises(StoreError, match=f"keys start with '{shared}': fx2-{shared}.*; give more characters"):
+    with refused(StoreError, f"'{shared}'", *(key for key in keys if key[4] == shared)):
         store.find(shared)
     for prefix in ("nothing", "%", "_", "fx1-f" * 9):
-        with pytest.raises(StoreError, match="no sweep's key starts with"):
+        with refused(StoreError, f"'{prefix}'", "fraexp list", "fraexp show RUN", "fraexp run STUDY"):
             store.find(prefix)
 
 
 def test_a_result_that_does_not_exist_is_refused(store, begin, sweep):
     begin([sweep()])
-    with pytest.raises(StoreError, match=f"there is no result of sweep {sweep().key}; run its study"):
+    with refused(StoreError, sweep().key):
         store.result(sweep().key)
     assert store.results([sweep().key]) == {}
 
 
 def test_a_result_for_a_run_that_does_not_exist_is_stored_for_nobody(store, sweep, result):
-    with pytest.raises(StoreError, match="there is no run 9"):
+    with refused(StoreError, "run 9"):
         store.save(9, [(sweep(), result(), {})])
     assert store.stored_states([sweep().key]) == {}

@@ -6,6 +6,7 @@ from fraexp.data.results import Outcome, Result
 from fraexp.errors import StoreError
 from fraexp.store import Deletion, Store
 from fraexp.store.tables import TRASH
+from tests.refusals import refused
 
 TABLES = ("run", "run_sweep", "sweep", "tag", "note", "frequency_response", "metric", "curve", "curve_column")
 
@@ -28,11 +29,11 @@ def rows(sql) -> dict[str, list]:
 
 def test_a_running_run_and_its_sweeps_cannot_be_deleted(store, begin, sweep):
     run = begin([sweep(1)])
-    with pytest.raises(StoreError, match="run 1 is running and uses these sweeps; wait until"):
+    with refused(StoreError, "run 1", "fraexp stop 1"):
         store.delete([sweep(1).key])
-    with pytest.raises(StoreError, match="run 1 is running; wait until"):
+    with refused(StoreError, "run 1", "fraexp stop 1"):
         store.delete(runs=[run])
-    with pytest.raises(StoreError, match="there is no run 9"):
+    with refused(StoreError, "run 9"):
         store.delete(runs=[9])
     assert (store.trash(), store.run(run).total) == ([], 1)
 
