@@ -231,7 +231,8 @@ class Registry:
         """Yield the known providers of a component in plain data, and of the components in it."""
         for part in components_by_port(spec).values():
             yield from self.used_providers(kind, part)
-        provider = self.providers.get((kind, str(spec.get("name"))))
+        name = spec.get("name")
+        provider = self.providers.get((kind, name)) if isinstance(name, str) else None
         if provider is None:
             return
         yield provider

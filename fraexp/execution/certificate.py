@@ -100,7 +100,7 @@ def compensation_error(
 
 def _response_of(matched: Estimator, signals: Signals, verification: Verification) -> FrequencyResponse | None:
     """Return what an estimator finds along the verified segments; None if it needs more of them."""
-    verified = replace(signals, segments=verification.segments, outcome=Outcome.OK, findings=(), verification=None)
+    verified = replace(signals, segments=verification.segments, outcome=Outcome.OK, findings=())
     try:
         return matched.estimate(verified).response
     except FraexpError:

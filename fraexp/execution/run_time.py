@@ -2,7 +2,7 @@
 
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping, Sequence
-from statistics import median
+from statistics import median_low
 
 from fraexp.data.sweep import Sweep
 from fraexp.execution.events import TimeLeft
@@ -19,7 +19,7 @@ class RunTime:
     """The sweeps that a run has still to compute, and what like ones took.
 
     Sweeps are alike if their components are, whatever their parameters. The time of each is the median of the newest
-    like ones: the first sweep of a process, which loads and compiles, takes many times as long.
+    like ones, and of two the lower: the first sweep of a process, which loads and compiles, takes many times as long.
     """
 
     def __init__(self, missing: Iterable[Sweep], known: Mapping[Likeness, Sequence[float]]) -> None:
@@ -38,7 +38,7 @@ class RunTime:
 
     def left(self, workers: int, running: Iterable[tuple[Sweep, float]] = ()) -> TimeLeft:
         """Return the time left with a number of workers; `running` are sweeps with the fraction that is done."""
-        each = {like: median(times) for like, times in self._times.items() if times}
+        each = {like: median_low(times) for like, times in self._times.items() if times}
         waiting, parts = Counter(self._missing), list[float]()
         for sweep, done in running:
             like = likeness(sweep)

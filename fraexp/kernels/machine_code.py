@@ -26,6 +26,7 @@ from numba.core.caching import _Cache
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 from numba.core.registry import cpu_target
+from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
 from fraexp.kernels.announcement import announced_compilation
@@ -62,7 +63,8 @@ class _KernelFile(_Cache):
     """A file with the machine code of one function: numba loads it before it compiles, and saves it afterwards.
 
     Numba offers no public class for a cache elsewhere than beside the sources; the tests of this module notice a
-    change.
+    change. To load machine code takes what that may call, but not what only the compiler needs, such as all that numba
+    knows of numpy and scipy: half of the time to start.
     """
 
     def __init__(self, path: Path) -> None:
@@ -73,7 +75,7 @@ class _KernelFile(_Cache):
         return str(self.path.parent)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        target_context.refresh()
+        rtsys.initialize(target_context)
         try:
             stored = self.path.read_bytes()
             code = stored[DIGEST_BYTES:]

@@ -194,6 +194,7 @@ def test_a_module_of_a_package_is_imported_when_one_of_its_components_is_asked_f
     drop(package, "two.py", name="second")
     registry = discover()
     assert registry.provider("friction", "first").distribution == "laws 1.0"
+    assert list(registry.used_providers("friction", {})) == []  # what no contact has
     assert {name for name in sys.modules if name.startswith("some_laws.")} == {"some_laws.one"}
     assert {"first", "second"} <= set(registry.names("friction"))
 

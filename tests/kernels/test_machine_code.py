@@ -138,6 +138,14 @@ FORMAT_FAULT = (
 
 
 @pytest.mark.thorough
+def test_a_law_that_calls_the_runtime_of_numba_is_loaded(bench: Bench) -> None:
+    """Without the functions that its machine code calls LLVM would end the process."""
+    bench.write(line="z_next[0] += 0.0 * hash('slip' if dy > 0 else 'stick')")
+    first, second = bench.use(), bench.use()
+    assert first[0] == second[0] == "[0.0, 2.0, 4.0]"
+    assert second[1] == 0
+
+
 def test_a_damaged_kernel_is_compiled_again(bench: Bench) -> None:
     bench.share_what_all_laws_share()
     shared = bench.kernels()
