@@ -61,7 +61,7 @@ KINDS: Mapping[str, Kind] = {
     "inexact computation": Kind(
         "the computation falsifies the result",
         "steps too long, or a sampled motion that does not show all of the friction force",
-        "raise numerics.steps_per_sample (0 chooses it) or the amplitude",
+        "raise the amplitude, or numerics.steps_per_sample (0 chooses it)",
     ),
     "band by friction": Kind(
         "the band is too wide by the friction model, or the delays",

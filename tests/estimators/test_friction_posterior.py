@@ -72,6 +72,14 @@ def test_a_wrong_delay_is_not_ok(signals):
     assert "or the delays" in found.message
 
 
+def test_where_the_machine_stands_no_harmonic_tells_anything(signals):
+    first, *others = simulated(guide(), FREQUENCIES, 12.0, tolerance=1e-4).segments
+    still = replace(first, channels={name: np.zeros_like(each) for name, each in first.channels.items()})
+    found = estimated(replace(signals, segments=(still, *others)), force_scale=1.05, resolution=0.0)
+    scale = {metric.name: metric.value for metric in found.metrics}["force_scale by harmonics"]
+    assert scale == pytest.approx(1.0, abs=0.01)
+
+
 @pytest.mark.parametrize("spacing", [1.6, 3.0])
 def test_frequencies_far_apart_leave_the_prior(spacing):
     """Between them may be a mode: what the harmonics should do is unknown."""

@@ -272,7 +272,8 @@ class _Harmonics:
     def __init__(self, record: SineRecord, force_terms: ForceTerms, stiffness: Stiffness, count: int) -> None:
         self.response, self.force_terms = record.response, force_terms
         highest = float(record.response.frequency.max())
-        self.orders = [_examined_orders(segment, highest) for segment in record.segments]
+        output = record.estimator.output
+        self.orders = [_examined_orders(segment, output, highest) for segment in record.segments]
         alike = _rounded_alike(record)
         columns = zip(record.segments, self.orders, alike.tolist(), strict=True)
         parts = [_measured(record, *each) for each in columns]
@@ -280,7 +281,6 @@ class _Harmonics:
         self.omega, self.motion_deviation = np.concatenate(omega), np.concatenate(deviation)
         self.motion, self.thrust = np.concatenate(motion), np.concatenate(thrust)
         self.force_deviation = stiffness(self.omega) * self.motion_deviation
-        output = record.estimator.output
         self.output = np.array([phasors(segment, output)[:, 0].mean() for segment in record.segments])
         self.stated, force = self._forces(np.zeros(count))
         excited = [np.abs(each) / orders for each, orders in zip(self.stated, self.orders, strict=True)]
@@ -354,9 +354,9 @@ def _is_sine(segment: Segment) -> bool:
     return segment.lines.size == 1 and segment.periodic and not segment.stated and not is_from_rest(segment)
 
 
-def _examined_orders(segment: Segment, highest: float) -> NDArray[np.int64]:
-    """Return the orders of the harmonics up to the highest frequency [Hz]; none of a motion that has not settled."""
-    if segment.settling is not None and not segment.settling.settled:
+def _examined_orders(segment: Segment, output: str, highest: float) -> NDArray[np.int64]:
+    """Return the orders of the harmonics up to the highest frequency [Hz]; none where it stands, or has not settled."""
+    if (segment.settling is not None and not segment.settling.settled) or not np.ptp(segment.channels[output]):
         return np.empty(0, dtype=np.int64)
     count = min(harmonic_lines(segment).size, int(highest / segment.frequency[0] * (1 + 1e-9)))
     return np.arange(2, count + 1)
