@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,15 @@ def nested_kind(info: FieldInfo) -> "type[Component] | None":
     for candidate in (info.annotation, *get_args(info.annotation)):
         if inspect.isclass(candidate) and issubclass(candidate, Component):
             return candidate
+    return None
+
+
+def named_kind(info: FieldInfo) -> "type[Component] | None":
+    """Return the kind of the components that this parameter names, such as a list of friction laws, or None."""
+    for candidate in get_args(info.annotation):
+        for of in get_args(candidate) if get_origin(candidate) is type else ():
+            if inspect.isclass(of) and issubclass(of, Component):
+                return of
     return None
 
 

@@ -170,6 +170,8 @@ def _with_units(value: Any, unit: str) -> Any:
 def _plain(value: Any) -> Any:
     if isinstance(value, Parameters):
         return value.spec()
+    if isinstance(value, type):
+        return getattr(value, "name", value.__name__)  # a component without numbers
     if isinstance(value, tuple):
         return [_plain(item) for item in value]
     if isinstance(value, Mapping):

@@ -21,7 +21,7 @@ import pluggy
 import pydantic
 
 import fraexp
-from fraexp.components.kinds import KINDS, Component, nested_kind
+from fraexp.components.kinds import KINDS, Component, named_kind, nested_kind
 from fraexp.components.local_file import DROP_IN, load_file, loaded_source_hash
 from fraexp.components.parameters import Parameters, example_call, inherited_from, is_inherited
 from fraexp.components.position_dependence import positioned_class
@@ -237,7 +237,10 @@ class Registry:
             return
         yield provider
         for key, info in provider.component.model_fields.items():
-            nested, value = nested_kind(info), spec.get(key)
+            nested, named, value = nested_kind(info), named_kind(info), spec.get(key)
+            if named is not None:
+                known = [self.providers.get((named.kind, name)) for name in value or ()]
+                yield from (each for each in known if each is not None)
             if nested is not None:
                 for part in value if isinstance(value, list) else [value]:
                     yield from self.used_providers(nested.kind, part) if isinstance(part, Mapping) else ()
@@ -284,8 +287,12 @@ class Registry:
                 found = _look_up(environment, origin)
                 if found is not None:
                     values[key] = found
-            nested = nested_kind(info)
-            if nested is not None and get_origin(info.annotation) is dict:
+            nested, named = nested_kind(info), named_kind(info)
+            if named is not None and isinstance(values.get(key), list | tuple):
+                values[key] = tuple(
+                    self.provider(named.kind, each).component if isinstance(each, str) else each for each in values[key]
+                )
+            elif nested is not None and get_origin(info.annotation) is dict:
                 values[key] = {
                     of: self._create(nested.kind, part, environment)
                     for of, part in components_by_port(values.get(key)).items()

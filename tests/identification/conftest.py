@@ -13,6 +13,8 @@ from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.identification.plant_responses import MACHINE, SCALE
 
+LAW = MACHINE["friction"]
+
 
 @pytest.fixture(scope="module")
 def recorded(registry: Registry) -> Any:
@@ -21,7 +23,7 @@ def recorded(registry: Registry) -> Any:
     def record(excitation: Any, friction: Any = None, force_noise: float = 0.0, **loop: Any) -> Signals:
         machine = Machine(
             create(registry, Plant, MACHINE["plant"]),
-            create(registry, FrictionModel, friction or MACHINE["friction"]),
+            friction if isinstance(friction, FrictionModel) else create(registry, FrictionModel, friction or LAW),
             create(registry, Controller, MACHINE["controller"]),
             ControlLoop.parse({**MACHINE["loop"], **SCALE, **loop}, "loop"),
             Numerics(),

@@ -53,12 +53,18 @@ def shape_parameters(model: FrictionModel) -> tuple[str, ...]:
     """Return the names of the numbers besides the scales that a record of friction tells, but for too many of them.
 
     These are viscous friction, and all numbers but stiffnesses, which the scales change, with the first force and the
-    first length.
+    first length. A pure number is one if the law has no value of its own for it.
     """
     known = list(scaled_parameters(model))
     of_unit = {unit: [each.name for each in known if each.unit == unit] for unit in EXPONENTS}
     viscous = (VISCOUS,) if getattr(model, VISCOUS, 0.0) else ()
-    names = (*viscous, *of_unit["N"][1:], *of_unit["m"][1:], *(n for unit in SHAPE_UNITS for n in of_unit[unit]))
+    pure = [
+        name
+        for name, info in type(model).model_fields.items()
+        if info.is_required() and unit_of_field(info) == "1" and isinstance(getattr(model, name), float)
+    ]
+    sized = [n for unit in SHAPE_UNITS for n in of_unit[unit]]
+    names = (*viscous, *of_unit["N"][1:], *of_unit["m"][1:], *sized, *pure)
     return names if len(names) <= MAX_SHAPE_PARAMETERS else viscous
 
 
@@ -263,7 +269,9 @@ def rough_model(
 ) -> FrictionModel:
     """Return a model of any law, at which a search begins: each number has the size that its unit says.
 
-    `elements` are K_i [N/m] and F_mi [N] of rolling elements, and `speed` [m/s] one at which the machine slides.
+    `elements` are K_i [N/m] and F_mi [N] of rolling elements, and `speed` [m/s] one at which the machine slides. A
+    number of another unit that the law needs is that of its first preset, else the middle of its bounds; ParameterError
+    if it has neither.
     """
     force, stiffness = (float(each.sum()) for each in reversed(elements))
     lists = {"N/m": elements[0], "N": elements[1], "1": elements[1] / force}
@@ -275,7 +283,7 @@ def rough_model(
         unit, is_list = unit_of_field(info), "tuple" in str(info.annotation)
         if name == VISCOUS or (is_list and not info.is_required()):
             continue
-        if is_list:
+        if is_list and unit in lists:
             fields[name] = tuple(lists[unit].tolist())
         elif unit == "N":
             fields[name] = next(forces, STATIC_RATIO * force)
@@ -283,4 +291,17 @@ def rough_model(
             fields[name] = sizes[unit]
         elif unit == "1" and any(getattr(each, "lt", None) for each in info.metadata):
             fields[name] = START_RATIO
-    return law(**fields)
+        elif info.is_required() and (stated := _stated_value(law, name)) is not None:
+            fields[name] = stated
+    return law.parse(fields, law.name)
+
+
+def _stated_value(law: type[FrictionModel], name: str) -> Any:
+    """Return what a law states of a number: a preset, or the middle of its bounds; None if there is neither."""
+    bounds = law.model_fields[name].metadata
+    low, high = (
+        next((getattr(each, word) for each in bounds for word in words if hasattr(each, word)), None)
+        for words in (("gt", "ge"), ("lt", "le"))
+    )
+    preset = next((values[name] for values in law.presets.values() if name in values), None)
+    return (low + high) / 2 if preset is None and low is not None and high is not None else preset

@@ -6,7 +6,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve, Finding, FrictionModel, Metric, Outcome, RecordError, Result, Segment, Signals
+from fraexp.api import (
+    Curve,
+    Finding,
+    FraexpError,
+    FrictionModel,
+    Metric,
+    Outcome,
+    RecordError,
+    Result,
+    Segment,
+    Signals,
+)
 from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification.whole_record._joint_fit import likely_noise
 from fraexp_plugins.identification.whole_record._machine_fit import Fitted, joint_fit, predicted_ratios
@@ -40,6 +51,8 @@ class LawCandidate:
     """Lowest frequency of each held-out record [Hz], shape (n,)."""
     ratios: NDArray[np.float64] = field(default_factory=lambda: np.full(1, np.inf))
     """Their residuals over what noise and rounding explain, shape (n,)."""
+    failure: str = ""
+    """Why it cannot be computed."""
 
     @property
     def model(self) -> FrictionModel:
@@ -86,11 +99,22 @@ class LawCandidate:
         is_simple = self.motion_residual <= other.motion_residual and self.free <= other.free
         return self.fits and (is_far or is_simple)
 
+    def begun(self, kept: Signals) -> "LawCandidate":
+        """Return how the law explains the measured motion of the records that are kept."""
+        try:
+            return replace(self, along=fits_along_motion(replace(self.problem, signals=kept)))
+        except FraexpError as error:  # the other laws go on
+            return replace(self, failure=str(error))
+
     def carried(self, kept: Signals, held_out: Signals) -> "LawCandidate":
         """Return how the law fits the records that are kept, and predicts those that are held out."""
-        found, _ = joint_fit(replace(self.problem, signals=kept), self.along)
+        try:
+            found, _ = joint_fit(replace(self.problem, signals=kept), self.along)
+            ratios = predicted_ratios(self.problem, found, held_out)
+        except FraexpError as error:
+            return replace(self, failure=str(error))
         frequency = np.array([float(segment.frequency.min()) for segment in held_out.segments])
-        return replace(self, found=found, frequency=frequency, ratios=predicted_ratios(self.problem, found, held_out))
+        return replace(self, found=found, frequency=frequency, ratios=ratios)
 
 
 def try_laws(problems: Sequence[MachineProblem]) -> tuple[LawCandidate, list[LawCandidate]]:
@@ -112,10 +136,12 @@ def try_laws(problems: Sequence[MachineProblem]) -> tuple[LawCandidate, list[Law
     for is_fast in (True, False):
         group = [place for place, trial in enumerate(trials) if trial.model.is_vectorisable is is_fast]
         for place in group if not any(trial.fits for trial in trials) else ():
-            trials[place] = replace(trials[place], along=fits_along_motion(replace(problems[place], signals=kept)))
+            trials[place] = trials[place].begun(kept)
         for place in sorted(group, key=lambda each: trials[each].motion_residual):
-            if not any(other.beats(trials[place]) for other in trials):
+            if trials[place].along and not any(other.beats(trials[place]) for other in trials):
                 trials[place] = trials[place].carried(kept, others)
+    if not any(trial.found for trial in trials):
+        raise RecordError(f"maximum_likelihood: no law can be computed: {trials[0].failure}")
     least = min(trial.ratio for trial in trials)
     best = min((trial for trial in trials if trial.ratio <= EQUAL_RATIO * least), key=lambda each: each.criterion)
     return best, trials
@@ -135,15 +161,20 @@ def with_verdict(result: Result, best: LawCandidate, trials: Sequence[LawCandida
     behind = ", ".join(
         f"{label} ({trial.motion_residual / best.motion_residual:.3g} times)"
         for label, trial in pairs
-        if trial.along and not trial.found
+        if trial.along and not (trial.found or trial.failure)
     )
     if behind:
         text += f"; not carried to the end, as they leave more along the measured motion: {behind}"
-    untried = ", ".join(label for label, trial in pairs if not trial.along)
+    untried = ", ".join(label for label, trial in pairs if not (trial.along or trial.failure))
     if untried:
         text += f"; not tried, as a law explains the records: {untried}"
     chosen = Finding("remark", place=labels[trials.index(best)], text=text) if fits else Finding("misfit", text=text)
-    result = replace(result, findings=()).with_findings(chosen, *result.findings, is_doubt=not fits)
+    failed = [
+        Finding("remark", place=label, text=f"left out, as it cannot be computed: {trial.failure}")
+        for label, trial in pairs
+        if trial.failure
+    ]
+    result = replace(result, findings=()).with_findings(chosen, *failed, *result.findings, is_doubt=not fits)
     curves = [_held_out_curve(label, trial) for label, trial in pairs if trial.found]
     is_right = float(fits and result.outcome is Outcome.OK)
     metrics = (Metric("verdict", is_right, "1"), *_coulomb_force(result), *_table(pairs), *result.metrics)

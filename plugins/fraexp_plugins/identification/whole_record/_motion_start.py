@@ -30,10 +30,10 @@ from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE
 from fraexp_plugins.estimators._shared.realisations import Part, circular_covariance, combine_parts
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
-from fraexp_plugins.friction.dahl import Dahl
-from fraexp_plugins.friction.lugre import LuGre
+from fraexp_plugins.friction._shared.element_model import ElementModel, VirginCurve
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
+from fraexp_plugins.identification._shared.law_numbers import VISCOUS, rough_model
 from fraexp_plugins.identification._shared.usable_records import FORCE_FLOOR, with_harmonics
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.identification.whole_record._machine_problem import (
@@ -270,16 +270,11 @@ FORCE_RATIO, FORCE_RANGE = 0.55, 5.5
 """Coulomb force over the largest control input that is tried first, and the largest factor on it."""
 WIDTH_RATIOS = (1 / 3, 1 / 27, 1 / 243)
 """Presliding distances over the largest motion, each of which stands for those within a factor of three."""
-ELEMENTS, MIN_KNOT_RATIO, MAX_KNOT_RATIO = 20, 0.01, 2.2
-"""Elements of the curve, and its knots over the presliding distance."""
-STATIC_RATIO, STRIBECK_RATIO, VISCOUS_RATIO = 1.2, 0.1, 0.05
-"""Static over Coulomb force, Stribeck over largest velocity, and viscous over Coulomb force at that velocity."""
-DAMPING_TIME_S = 5e-4
-"""Bristle damping over stiffness [s]."""
-
-
-ROUGH_LAWS = (Rolling.name, Dahl.name, LuGre.name)
-"""Laws that are replayed in lanes, and begin with what an observer tells."""
+ELEMENTS, LAW_ELEMENTS, MIN_KNOT_RATIO, MAX_KNOT_RATIO = 20, 4, 0.01, 2.2
+"""Elements of the curve, and of a law with a Stribeck effect as well, and the curve's knots over the presliding
+distance."""
+STRIBECK_RATIO, VISCOUS_RATIO = 0.1, 0.05
+"""Stribeck over largest velocity, and viscous over Coulomb force at that velocity."""
 
 
 class RoughFriction(NamedTuple):
@@ -292,30 +287,24 @@ class RoughFriction(NamedTuple):
     velocity: float
     """Largest velocity of the records [m/s]."""
 
-    def rolling(self) -> FrictionModel:
-        """Return elements along an exponential curve."""
-        curve = {
-            "shape": "exponential", "coulomb_force": self.force, "characteristic_displacement": self.width,
-            "elements": ELEMENTS, "min_knot": MIN_KNOT_RATIO * self.width, "max_knot": MAX_KNOT_RATIO * self.width,
-        }  # fmt: skip
-        return Rolling.parse({"curve": curve, "viscous_coefficient": self.viscous}, "rolling")
+    def curve(self, elements: int) -> VirginCurve:
+        """Return an exponential curve that so many elements follow."""
+        return VirginCurve(
+            coulomb_force=self.force, characteristic_displacement=self.width, elements=elements,
+            min_knot=MIN_KNOT_RATIO * self.width, max_knot=MAX_KNOT_RATIO * self.width,
+        )  # fmt: skip
 
-    @property
-    def viscous(self) -> float:
-        """Viscous coefficient [N s/m] that is tried first."""
-        return VISCOUS_RATIO * self.force / self.velocity
+    def model(self, law: type[FrictionModel]) -> FrictionModel:
+        """Return a model of any law, elements along the curve; ParameterError for one that needs numbers unknown here.
 
-    def model(self, law: str) -> FrictionModel:
-        """Return a model of one of `ROUGH_LAWS`."""
-        stiffness = self.force / self.width
-        common = {"coulomb_force": self.force, "viscous_coefficient": self.viscous}
-        if law == Rolling.name:
-            return self.rolling()
-        if law == Dahl.name:
-            return Dahl.parse({"stiffness": stiffness, **common}, law)
-        stribeck = {"static_force": STATIC_RATIO * self.force, "stribeck_velocity": STRIBECK_RATIO * self.velocity}
-        bristles = {"bristle_stiffness": stiffness, "bristle_damping": DAMPING_TIME_S * stiffness}
-        return LuGre.parse({**bristles, **common, **stribeck}, law)
+        The viscous coefficient is not 0, as a factor on it is estimated.
+        """
+        viscous = {VISCOUS: VISCOUS_RATIO * self.force / self.velocity} if VISCOUS in law.model_fields else {}
+        if issubclass(law, ElementModel):
+            return law.parse({"curve": self.curve(ELEMENTS), **viscous}, law.name)
+        stiffness, force = map(np.array, self.curve(LAW_ELEMENTS).stiffness_and_force())
+        speed = STRIBECK_RATIO * self.velocity
+        return rough_model(law, (stiffness, force), speed, with_damping=True).model_copy(update=viscous)
 
 
 def rough_friction(signals: Signals, observer: EffectiveInput) -> RoughFriction:
@@ -332,7 +321,7 @@ def _plausible_friction(
     signals: Signals, observer: EffectiveInput, start: RoughFriction
 ) -> tuple[float, RoughFriction]:
     """Return the cost of the most plausible friction around a start, and that friction."""
-    changed = observer.model_copy(update={"friction": start.rolling()})
+    changed = observer.model_copy(update={"friction": start.model(Rolling)})
     segments = signals.segments
     search = ScaleSearch(segments, changed.resolve_oversampling(segments), SCALES, force_range=FORCE_RANGE)
     (best, *_) = search.starts()

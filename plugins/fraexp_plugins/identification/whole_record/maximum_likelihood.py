@@ -9,7 +9,6 @@ from fraexp.api import (
     PositionDependentFriction,
     Result,
     Signals,
-    did_you_mean,
     param,
 )
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
@@ -33,7 +32,7 @@ from fraexp_plugins.identification.whole_record._machine_problem import (
     FreeParameters,
     MachineProblem,
 )
-from fraexp_plugins.identification.whole_record._motion_start import ROUGH_LAWS, rough_friction
+from fraexp_plugins.identification.whole_record._motion_start import RoughFriction, rough_friction
 
 
 class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=10):
@@ -66,16 +65,18 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=10)
     the parameters of the law can express the scales. Where noise goes round a loop, no period repeats another. The
     state at the start of a record is then its own, too.
 
-    **Which law?** With `laws`, which need no numbers, or several models as `starts`, each law is fitted to three
-    quarters of the records with its scales and its shape parameters free (viscous coefficient, static force, Stribeck
-    velocity, damping, attraction). What it leaves of the others, over what noise and rounding explain, is 1 where law
-    and plant are right (cross-validation: M. Stone, J. Royal Statistical Society B 36(2), 1974). The law with the least
-    residual wins; of equals that with the least Bayesian information criterion, which is the simpler one unless the
-    other is much more likely. Where a law fits, those that left five times as much along the motion, or more with no
-    fewer parameters, are not carried to the end; laws that are not replayed in lanes (elastoplastic, GMS) take minutes,
-    and are tried last, if no other law fits. `verdict` is 1 if a law fits. Take some 16 frequencies or more, from
-    presliding to gross sliding, or two amplitudes (`concatenated`): laws that differ only in what the records do not
-    show, such as the Stribeck effect without slow sliding, are not told apart.
+    **Which law?** With `laws`, names of any laws, your own included, or several models as `starts`, each law is fitted
+    to three quarters of the records with its scales and its shape parameters free (viscous coefficient, static force,
+    Stribeck velocity, damping, attraction, and pure numbers without a default). A named law begins with numbers of the
+    sizes that their units say, and with those of its first preset where units say nothing. What it leaves of the
+    others, over what noise and rounding explain, is 1 where law and plant are right (cross-validation: M. Stone, J.
+    Royal Statistical Society B 36(2), 1974). The law with the least residual wins; of equals that with the least
+    Bayesian information criterion, which is the simpler one unless the other is much more likely. Where a law fits,
+    those that left five times as much along the motion, or more with no fewer parameters, are not carried to the end;
+    laws that are not replayed in lanes (elastoplastic, GMS) take minutes, and are tried last, if no other law fits. A
+    law that cannot be computed is named, and the others go on. `verdict` is 1 if a law fits. Take some 16 frequencies
+    or more, from presliding to gross sliding, or two amplitudes (`concatenated`): laws that differ only in what the
+    records do not show, such as the Stribeck effect without slow sliding, are not told apart.
 
     **Several contacts.** The response between one thrust and one position does not say how friction at another contact
     moves the machine. So the plant is one with ports whose numbers are estimated, `nominal_plant` being the start, and
@@ -93,7 +94,7 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=10)
     frictions: dict[str, FrictionModel] = param(
         "", "friction model of each contact at the start, of a machine with several", {}, inherit="friction"
     )
-    laws: tuple[str, ...] = param("", "laws to choose from without a start: rolling, dahl, lugre", ())
+    laws: tuple[type[FrictionModel], ...] = param("", "names of laws to choose from, of any law, without numbers", ())
     starts: tuple[FrictionModel, ...] = param("", "friction models to choose from, of any law, in place of one", ())
     free: tuple[str, ...] | None = param(
         "",
@@ -123,11 +124,10 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=10)
     def model_post_init(self, context: object) -> None:
         """Check the names of the free parameters, and that plant and friction can be replayed."""
         for law in self.laws:
-            if law not in ROUGH_LAWS:
-                raise ParameterError(
-                    f"maximum_likelihood.laws: '{law}' cannot begin without a start{did_you_mean(law, ROUGH_LAWS)}; "
-                    f"known: {', '.join(ROUGH_LAWS)}; for another one give a model in `starts`"
-                )
+            try:
+                RoughFriction(1.0, 1e-5, 1e-2).model(law)
+            except ParameterError as error:
+                raise ParameterError("maximum_likelihood.laws: ", *error.args, "; give a model in `starts`") from None
         models: dict[str, FrictionModel | None] = {"friction": self.friction}
         models |= {f"frictions.{contact}": model for contact, model in self.frictions.items()}
         models |= {f"starts.{place}": model for place, model in enumerate(self.starts)}
