@@ -29,6 +29,7 @@ from fraexp.study.study_file import load, read
 from fraexp.study.study_file import resolve as study_of_data
 from fraexp.tui.services.user_settings import read_settings
 from fraexp.views.entries import parse_text
+from tests.refusals import refused
 
 SOON = 5.0
 """Time that a refusal may take [s]; those that were found took minutes, or for ever."""
@@ -46,7 +47,7 @@ TOWERS = ("9**9**9**9", "((9**9)**9)**9", "9⁹⁹⁹⁹⁹⁹⁹⁹", "9**9_999
 
 @pytest.mark.parametrize("text", TOWERS, ids=lambda text: text[:12])
 def test_a_unit_that_takes_for_ever_is_none(text: str) -> None:
-    with pytest.raises(ParameterError, match=r"is no known unit|is not a number with a unit") as found:
+    with refused(ParameterError) as found:
         units.number(f"1 {text}", "m")
     assert len(str(found.value)) < 300
 
@@ -58,7 +59,7 @@ def test_the_powers_of_units_are_known(text: str) -> None:
 
 @pytest.mark.parametrize("text", ["a" + " " * 20_000 + "*", " [ " * 20_000, "a * " + "1" * 5000, "(" * 5000])
 def test_a_long_channel_is_refused(text: str) -> None:
-    with pytest.raises(ParameterError, match=r"letters; expected no more than 1,000"):
+    with refused(ParameterError, "channels.u", "1,000"):
         parse_channel(text, "channels.u")
 
 
@@ -70,57 +71,51 @@ def test_deep_and_long_values_are_texts(text: str, tmp_path: Path) -> None:
     assert parse_text(text) == text
     assert override(f"plant.rigid_body_gain={text}") == ("plant.rigid_body_gain", text)
     (tmp_path / "tui.toml").write_text(f"theme = {text}")
-    with pytest.raises(FraexpError, match="cannot be read as TOML"):
+    with refused(FraexpError, "tui.toml", "TOML"):
         read_settings(tmp_path / "tui.toml")
 
 
 LARGE = {
-    "name of many parts": ("a" + ".a" * 20_000 + " = 1", "a name has more than 32 parts"),
-    "header of many parts": ("[a" + ".a" * 20_000 + "]", "a name has more than 32 parts"),
-    "lists in lists": (f"a = {'[' * 33}{']' * 33}", "nested deeper than 32"),
-    "millions of characters": ("# " + "x" * toml.MAX_CHARACTERS, "expected 4,000,000 at most"),
-    "bytes": ("#" * (4 * toml.MAX_CHARACTERS + 1), "expected a study"),
+    "name of many parts": ("a" + ".a" * 20_000 + " = 1", ["32 parts"]),
+    "header of many parts": ("[a" + ".a" * 20_000 + "]", ["32 parts"]),
+    "lists in lists": (f"a = {'[' * 33}{']' * 33}", ["32 levels"]),
+    "millions of characters": ("# " + "x" * toml.MAX_CHARACTERS, ["4,000,002", "4,000,000"]),
+    "bytes": ("#" * (4 * toml.MAX_CHARACTERS + 1), ["16,000,001 bytes"]),
 }
 
 
-@pytest.mark.parametrize(("text", "message"), LARGE.values(), ids=LARGE)
-def test_absurd_studies_are_refused_before_they_are_parsed(text: str, message: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("text", "names"), LARGE.values(), ids=LARGE)
+def test_absurd_studies_are_refused_before_they_are_parsed(text: str, names: list[str], tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text(text)
-    with pytest.raises(StudyError, match=message):
+    with refused(StudyError, "a.toml", *names):
         read(tmp_path / "a.toml")
 
 
 def test_paths_of_many_parts_are_refused() -> None:
-    with pytest.raises(StudyError, match="a path has 20001 parts; expected 32 at most"):
+    with refused(StudyError, "--set", "20001 parts", 32):
         override("plant" + ".a" * 20_000 + "=1")
 
 
 ABSURD = {
-    "grid": ('[grid]\n"excitation.amplitude" = [{values}]\n"excitation.ramp" = [{values}]', "has 1,002,001 points"),
+    "grid": ('[grid]\n"excitation.amplitude" = [{values}]\n"excitation.ramp" = [{values}]', "1,002,001 points"),
     "draws": (
         '[monte_carlo]\ncount = 1000000000000\ndraw = [{{ paths = "plant.rigid_body_gain", relative = 0.1 }}]',
         "1,000,000,000,000 sweeps",
     ),
-    "points": ("[excitation]\npoints = 1000000000000", "points is 1000000000000"),
-    "points as float": ("[excitation]\npoints = 1e12", "points is 1e12|points is 1000000000000"),
-    "all samples": (
-        "[excitation]\npoints = 100000\nmin_frequency = 0.01",
-        r"records .* samples in all",
-    ),
-    "record time": (
-        "[excitation]\npoints = 100000\nmin_record_time = 10000",
-        r"records .* samples in all",
-    ),
-    "table": ("[excitation]\npreset = [[]]", "has no preset"),
-    "loop": ("loop = 'x'", "expected a table"),
-    "record": ("record = -1", "expected a table"),
-    "no frequency": ("[excitation]\nmin_frequency = 5e-324", "samples per period"),
-    "machine": ("machine = '" + "x" * 5000 + "'", "expected the name of a file"),
+    "points": ("[excitation]\npoints = 1000000000000", "1000000000000"),
+    "points as float": ("[excitation]\npoints = 1e12", "1000000000000"),
+    "all samples": ("[excitation]\npoints = 100000\nmin_frequency = 0.01", "'min_frequency'"),
+    "record time": ("[excitation]\npoints = 100000\nmin_record_time = 10000", "'min_record_time'"),
+    "table": ("[excitation]\npreset = [[]]", "preset"),
+    "loop": ("loop = 'x'", "table"),
+    "record": ("record = -1", "table"),
+    "no frequency": ("[excitation]\nmin_frequency = 5e-324", "'min_frequency'"),
+    "machine": ("machine = '" + "x" * 5000 + "'", "studies/machines"),
 }
 
 
-@pytest.mark.parametrize(("text", "message"), ABSURD.values(), ids=ABSURD)
-def test_absurd_sizes_are_refused_with_the_number(text: str, message: str, tmp_path: Path, registry: Registry) -> None:
+@pytest.mark.parametrize(("text", "name"), ABSURD.values(), ids=ABSURD)
+def test_absurd_sizes_are_refused_with_the_number(text: str, name: str, tmp_path: Path, registry: Registry) -> None:
     text = text.format(values=", ".join(str(number + 1) for number in range(1001))) if "{values}" in text else text
     head = "" if text.startswith("machine") else 'machine = "linear_motor_table"\n'
     lead = text if text.startswith(("machine", "loop", "record")) else ""
@@ -128,7 +123,7 @@ def test_absurd_sizes_are_refused_with_the_number(text: str, message: str, tmp_p
     section = '[excitation]\nname = "stepped_sine"\namplitude = 12.0\n'
     body = rest.replace("[excitation]\n", section) if "[excitation]" in rest else f"{section}{rest}"
     (tmp_path / "a.toml").write_text(f'{head}{lead}\n{body}\n[estimator]\nname = "conventional"\n')
-    with pytest.raises(FraexpError, match=message):
+    with refused(FraexpError, "a.toml", name):
         load("a", tmp_path / "a.toml", tmp_path, registry)
 
 
@@ -137,20 +132,17 @@ def read_file(path: Path, registry: Registry, column: str) -> np.ndarray:
 
 
 TEXTS = {
-    "a line without end": ("u,y\n1,2\n" + "1," * 3_000_000, "more than 4,194,304 characters"),
-    "a header without end": ("u [" * 2_000_000 + "\n1,2\n", "more than 4,194,304 characters"),
-    "brackets": ("u" + "[" * 100_000 + ",y\n1,2\n", "no column is called"),
-    "many columns": (
-        ",".join(f"c{n}" for n in range(30_000)) + "\n" + "1," * 29_999 + "1\n",
-        "no column is called 'u'",
-    ),
+    "a line without end": ("u,y\n1,2\n" + "1," * 3_000_000, "4,194,304 characters"),
+    "a header without end": ("u [" * 2_000_000 + "\n1,2\n", "4,194,304 characters"),
+    "brackets": ("u" + "[" * 100_000 + ",y\n1,2\n", "column"),
+    "many columns": (",".join(f"c{n}" for n in range(30_000)) + "\n" + "1," * 29_999 + "1\n", "'u'"),
 }
 
 
-@pytest.mark.parametrize(("text", "message"), TEXTS.values(), ids=TEXTS)
-def test_absurd_texts_are_refused(text: str, message: str, tmp_path: Path, registry: Registry) -> None:
+@pytest.mark.parametrize(("text", "name"), TEXTS.values(), ids=TEXTS)
+def test_absurd_texts_are_refused(text: str, name: str, tmp_path: Path, registry: Registry) -> None:
     (tmp_path / "a.csv").write_text(text)
-    with pytest.raises(RecordError, match=message):
+    with refused(RecordError, "a.csv", name):
         read_file(tmp_path / "a.csv", registry, "u")
 
 
@@ -184,9 +176,7 @@ def test_a_compressed_variable_larger_than_it_says_is_refused(
     zeros = struct.pack("<II", 14, 100) + path.read_bytes()[136:184] + struct.pack("<II", 9, 1 << 26) + bytes(1 << 26)
     packed = zlib.compress(zeros)
     path.write_bytes(path.read_bytes()[:128] + struct.pack("<II", 15, len(packed)) + packed)
-    with pytest.raises(
-        RecordError, match=r"would take 0.1 GiB, .* times the file; expected measured numbers, up to 50 times"
-    ):
+    with refused(RecordError, "0.1 GiB", "50 times"):
         read_file(path, registry, "t")
 
 
@@ -195,12 +185,8 @@ def test_a_huge_array_in_a_small_hdf5_file_is_refused(tmp_path: Path, registry: 
         file.create_dataset("x", (2**27,), float, chunks=True, compression="gzip")
         file.create_dataset("y", (2**40, 2**10), float, chunks=True)
         file.create_dataset("r", (2**30,), h5py.ref_dtype, chunks=True)
-    for name, message in (
-        ("x", "times the file"),
-        ("y", "expected up to 2 GiB"),
-        ("r.1", "expected up to|times the file"),
-    ):
-        with pytest.raises(RecordError, match=message):
+    for name in ("x", "y", "r.1"):
+        with refused(RecordError, "a.mat"):
             read_file(tmp_path / "a.mat", registry, name)
 
 
@@ -230,7 +216,7 @@ HEADERS = (
 
 @pytest.mark.parametrize("header", HEADERS, ids=range(len(HEADERS)))
 def test_no_header_of_an_array_gets_through(header: str) -> None:
-    with pytest.raises(StoreError, match="a stored array is invalid"):
+    with refused(StoreError, "--rerun all"):
         decode_array(NPY + len(header).to_bytes(2, "little") + header.encode() + bytes(64))
 
 
@@ -246,7 +232,7 @@ def test_deep_and_large_json_is_refused() -> None:
 def test_a_long_motion_is_refused_before_it_is_planned(change: dict[str, Any], registry: Registry) -> None:
     motion = {"name": "point_to_point", "targets": [1e-3], **change}
     data = {"machine": "linear_motor_table", "excitation": motion, "estimator": {"name": "positioning_metrics"}}
-    with pytest.raises(FraexpError, match="samples; expected 250,000 or fewer"):
+    with refused(FraexpError, "a.toml", "[excitation]", "point_to_point", "250,000"):
         study_of_data("a", Path("a.toml"), data, Path(), registry)
 
 

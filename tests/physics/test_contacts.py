@@ -15,6 +15,7 @@ from fraexp.simulation import loop_setup
 from tests.examples import some
 from tests.machines import FRICTIONLESS, TABLE, guide, simulated
 from tests.physics.harmonic_balance import Elements, solve_contacts
+from tests.refusals import refused
 
 SAMPLE = 500e-6
 CONTROLLERS = {
@@ -120,31 +121,28 @@ def test_further_positions_are_as_exact_as_the_tolerance(registry):
 
 
 @pytest.mark.parametrize(
-    ("frictions", "message"),
+    ("frictions", "names"),
     [
-        (FRICTIONLESS, r"\[friction\] is one model, none; the plant has 2 contacts: write \[friction.motor\] and"),
-        ({"motor": FRICTIONLESS}, "contact 'load' has no friction model"),
-        (
-            {"motor": FRICTIONLESS, "load": FRICTIONLESS, "lod": FRICTIONLESS},
-            r"\[friction.lod\]: the plant has no contact 'lod'; did you mean 'load'",
-        ),
+        (FRICTIONLESS, ["2 contacts", "[friction.motor]", "[friction.load]"]),
+        ({"motor": FRICTIONLESS}, ["'load'", "[friction.load]"]),
+        ({"motor": FRICTIONLESS, "load": FRICTIONLESS, "lod": FRICTIONLESS}, ["[friction.lod]", "'load'"]),
     ],
 )
-def test_models_fit_the_contacts(registry, frictions, message):
-    with pytest.raises(ParameterError, match=message):
+def test_models_fit_the_contacts(registry, frictions, names):
+    with refused(ParameterError, *names):
         simulated(frictions, (5.0,), plant=example(registry, "two_mass"))
 
 
 @pytest.mark.parametrize(
-    ("settings", "message"),
+    ("settings", "names"),
     [
-        ({"thrust": "lod"}, "the plant has no thrust 'lod'.*known: motor"),
-        ({"position": "lod"}, "the plant has no position 'lod'; did you mean 'load'"),
+        ({"thrust": "lod"}, ["thrust 'lod'", "motor"]),
+        ({"position": "lod"}, ["position 'lod'", "'load'"]),
     ],
 )
-def test_the_loop_names_ports_of_the_plant(registry, settings, message):
+def test_the_loop_names_ports_of_the_plant(registry, settings, names):
     frictions = {"motor": FRICTIONLESS, "load": FRICTIONLESS}
-    with pytest.raises(ParameterError, match=message):
+    with refused(ParameterError, *names):
         simulated(frictions, (5.0,), plant=example(registry, "two_mass"), **settings)
 
 
@@ -157,8 +155,8 @@ def ports_with(**changes):
 
 def test_ports_of_the_wrong_shape_or_degree_are_refused():
     ports_with().check()
-    with pytest.raises(ParameterError, match=r"position 'table' has shape \(3,\); expected \(2,\)"):
+    with refused(ParameterError, "position 'table'", "(3,)", "(2,)"):
         ports_with(positions={"table": np.ones(3)}).check()
     jumping = {"guide": Contact(np.array([1.0, 1.0]), np.array([1.0, 0.0]))}
-    with pytest.raises(ParameterError, match="position 'table' jumps in velocity with the force of contact 'guide'"):
+    with refused(ParameterError, "position 'table'", "contact 'guide'"):
         ports_with(contacts=jumping).check()

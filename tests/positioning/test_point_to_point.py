@@ -20,6 +20,7 @@ from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from fraexp.study.study_file import packaged_studies
 from tests.machines import FRICTIONLESS, LEAD, TABLE, guide
+from tests.refusals import refused
 
 SAMPLE_TIME_S, STEP = 500e-6, 1.5e-3
 BODY = Modal(rigid_body_gain=0.132)
@@ -109,13 +110,11 @@ def test_what_a_study_does_not_give_is_that_of_its_machine():
 
 def test_a_move_that_is_too_short_for_the_limit_is_refused_with_the_least_number_of_samples():
     given = {"plant": TABLE, "friction": GUIDE, "force_limit": 35.0, "input_dead_time": 1e-3}
-    with pytest.raises(
-        ParameterError, match=r"80 samples.*too short.*force_limit 35 N; expected (\d+) samples"
-    ) as error:
+    with refused(ParameterError, "80 samples", "force_limit 35 N") as error:
         PointToPoint(**given).check(SAMPLE_TIME_S)
     least = int(str(error.value).split("expected ")[1].split()[0])
     PointToPoint(duration=least * SAMPLE_TIME_S, **given).check(SAMPLE_TIME_S)
-    with pytest.raises(ParameterError, match=f"expected {least} samples"):
+    with refused(ParameterError, f"expected {least} samples"):
         PointToPoint(duration=(least - 1) * SAMPLE_TIME_S, **given).check(SAMPLE_TIME_S)
 
 
@@ -146,7 +145,7 @@ def test_what_cannot_be_planned_is_refused_in_one_line(given, message):
 
 
 def test_a_thrust_that_the_user_states_is_believed_and_so_is_an_axis_at_40_g():
-    with pytest.raises(ParameterError, match="beyond 1000 m/s²"):
+    with refused(ParameterError, "1000 m/s²"):
         PointToPoint(plant=TABLE, duration=6e-3).check(SAMPLE_TIME_S)
     PointToPoint(plant=TABLE, duration=6e-3, force_limit=1e8).check(SAMPLE_TIME_S)
     fast = PointToPoint(plant=BODY, duration=6e-3, targets=(3e-3,)).plan(SAMPLE_TIME_S)
@@ -179,7 +178,7 @@ class Unstable(Plant):
 
 
 def test_an_unstable_design_model_is_refused():
-    with pytest.raises(ParameterError, match="point_to_point: the design model is unstable"):
+    with refused(ParameterError, "point_to_point", "unstable"):
         PointToPoint(plant=Unstable()).check(SAMPLE_TIME_S)
 
 
@@ -214,9 +213,9 @@ def test_the_rigid_body_profile_wants_a_rigid_body_and_keeps_the_limit():
         def response(self, omega):
             return 0.1 / (30.0 - omega**2 + 1j * omega)
 
-    with pytest.raises(ParameterError, match="free rigid body; take deadbeat"):
+    with refused(ParameterError, "deadbeat"):
         PointToPoint(plant=Spring(), profile="jerk_limited").check(SAMPLE_TIME_S)
-    with pytest.raises(ParameterError, match=r"force_limit 40 N; expected \d+ samples"):
+    with refused(ParameterError, "force_limit 40 N"):
         PointToPoint(plant=BODY, profile="jerk_limited", force_limit=40.0).check(SAMPLE_TIME_S)
 
 
