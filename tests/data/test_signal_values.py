@@ -5,6 +5,7 @@ import pytest
 
 from fraexp.data.signals import Segment, Signals
 from fraexp.errors import RecordError
+from tests.refusals import refused
 
 
 def signals(*positions: list[float]) -> Signals:
@@ -14,14 +15,12 @@ def signals(*positions: list[float]) -> Signals:
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(np.nan, "nan m"), (-np.inf, "without bound"), (-1e101, "1e\\+101 m"), (1e-101, "1e-101 m")],
+    [(np.nan, "nan m"), (-np.inf, "without bound"), (-1e101, "1e+101 m"), (1e-101, "1e-101 m")],
 )
 def test_a_channel_of_any_segment_is_named(value: float, text: str) -> None:
     wrong = signals([1.0, -2.0], [0.0, value], [3.0, 0.0])
     for _ in range(2):  # a second estimator asks again
-        with pytest.raises(
-            RecordError, match=rf"channel 'y' reaches {text}; expected numbers between 1e-100 and 1e\+100"
-        ):
+        with refused(RecordError, "channel 'y'", text, "1e-100", "1e+100"):
             wrong.check_values()
 
 

@@ -7,6 +7,7 @@ import pytest
 from fraexp.data.units import number, si
 from fraexp.errors import ParameterError
 from fraexp.records.channels import si_unit
+from tests.refusals import refused
 
 
 @pytest.mark.parametrize(
@@ -85,6 +86,6 @@ def test_a_number_per_minute_is_a_rotary_speed(written):
 
 @pytest.mark.parametrize("written", ["grad", "Grad", "grad/s", "GRAD"])
 def test_grad_is_asked_for_because_it_means_two_angles(written):
-    with pytest.raises(ParameterError, match=r"may be degrees, as in German, or gradians; give unit = deg or gon"):
+    with refused(ParameterError, "a.csv", "channel 'y'", "deg", "gon"):
         si_unit(written, "a.csv, channel 'y'")
     assert si_unit("gon", "")[0] == pytest.approx(math.pi / 200)

@@ -7,6 +7,7 @@ from fraexp.components.kinds import Excitation
 from fraexp.components.periods import Schedule
 from fraexp.components.registry import create
 from fraexp.errors import ParameterError
+from tests.refusals import refused
 
 TS = 500e-6
 SINE = {"name": "stepped_sine", "amplitude": 12.0, "frequencies": [10.0, 40.0]}
@@ -35,19 +36,19 @@ def test_the_strictest_schedule_holds_for_all(made):
 
 
 @pytest.mark.parametrize(
-    ("parts", "reason"),
+    ("parts", "names"),
     [
-        ((), "has no parts"),
-        (({"name": "displacement_sine", "amplitude": 1e-5, "frequency": 1.0},), "drives a displacement"),
-        ((SINE, {"name": "response_controlled", "displacement": 2e-5, "max_force": 50.0}), "revised after it ran"),
-        (({"name": "multisine", "rms": 5.0, "transient": True},), "recorded from rest"),
+        ((), ["parts"]),
+        (({"name": "displacement_sine", "amplitude": 1e-5, "frequency": 1.0},), ["displacement_sine"]),
+        ((SINE, {"name": "response_controlled", "displacement": 2e-5, "max_force": 50.0}), ["response_controlled"]),
+        (({"name": "multisine", "rms": 5.0, "transient": True},), ["multisine"]),
     ],
 )
-def test_what_cannot_be_joined_is_refused(made, parts, reason):
-    with pytest.raises(ParameterError, match=reason):
+def test_what_cannot_be_joined_is_refused(made, parts, names):
+    with refused(ParameterError, *names):
         made(*parts)
 
 
 def test_a_part_that_cannot_be_sampled_is_refused(made):
-    with pytest.raises(ParameterError, match="Nyquist"):
+    with refused(ParameterError, "1200 Hz", "Nyquist"):
         made(SINE, {**SINE, "frequencies": [1200.0]}).check(TS)

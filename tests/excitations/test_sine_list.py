@@ -12,6 +12,7 @@ from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.excitations.spectra import TS, amplitudes, others
 from tests.machines import LEAD, TABLE, guide
+from tests.refusals import refused
 
 LIST = {"name": "sine_list", "frequencies": [50.0, 5.0, 5.0], "amplitudes": [12.0, 3.0, 24.0]}
 
@@ -64,25 +65,25 @@ def test_interleaved_samples_meet_the_sine_at_different_phases(made, cycles, fre
 
 
 @pytest.mark.parametrize(
-    ("given", "reason"),
+    ("given", "names"),
     [
-        ({"frequencies": []}, "has no frequencies"),
-        ({"amplitudes": [1.0, 2.0]}, "3 frequencies and 2 amplitudes"),
-        ({"frequencies": [1.0, -1.0, 2.0]}, "frequencies has a number of 0 or less"),
+        ({"frequencies": []}, ["frequencies"]),
+        ({"amplitudes": [1.0, 2.0]}, ["3 frequencies", "2 amplitudes"]),
+        ({"frequencies": [1.0, -1.0, 2.0]}, ["frequencies", 0]),
     ],
 )
-def test_lists_that_do_not_fit_are_refused(made, given, reason):
-    with pytest.raises(ParameterError, match=reason):
+def test_lists_that_do_not_fit_are_refused(made, given, names):
+    with refused(ParameterError, *names):
         made(**given)
 
 
 @pytest.mark.parametrize(
-    ("given", "reason"),
+    ("given", "names"),
     [
-        ({"frequencies": [1200.0, 5.0, 6.0]}, "Nyquist"),
-        ({"period_counts": [100_000, 1, 1]}, "samples in all; expected"),
+        ({"frequencies": [1200.0, 5.0, 6.0]}, ["Nyquist"]),
+        ({"period_counts": [100_000, 1, 1]}, ["samples"]),
     ],
 )
-def test_what_cannot_be_sampled_is_refused(made, given, reason):
-    with pytest.raises(ParameterError, match=reason):
+def test_what_cannot_be_sampled_is_refused(made, given, names):
+    with refused(ParameterError, *names):
         made(**given).check(TS)

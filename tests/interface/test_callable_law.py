@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import fraexp
+from tests.refusals import refused
 
 STIFFNESS, COULOMB = 1e6, 10.0
 BREAKAWAY = COULOMB / STIFFNESS
@@ -42,13 +43,13 @@ def test_the_shape_of_the_amplitudes_is_kept(slider: fraexp.FrictionLaw) -> None
 
 @pytest.mark.parametrize("amplitude", [0.0, -1e-6, np.nan, np.inf, 1e-300])
 def test_an_amplitude_that_is_none_is_refused(slider: fraexp.FrictionLaw, amplitude: float) -> None:
-    with pytest.raises(fraexp.FraexpError, match="expected 1e-12 m or more"):
+    with refused(fraexp.FraexpError, "rolling", "1e-12 m"):
         slider.describing_function(amplitude)
 
 
 @pytest.mark.parametrize("displacement", [[], [1.0], [[1.0, 2.0]], [0.0, np.nan]])
 def test_an_invalid_displacement_is_refused(slider: fraexp.FrictionLaw, displacement: object) -> None:
-    with pytest.raises(fraexp.FraexpError, match=r"expected (a list of|finite numbers)"):
+    with refused(fraexp.FraexpError, "displacement"):
         slider.force(displacement)
 
 
@@ -62,7 +63,7 @@ def test_quantities_are_numbers_with_units(slider: fraexp.FrictionLaw) -> None:
 def test_units_are_read_and_names_corrected(workspace: fraexp.Workspace) -> None:
     law = workspace.friction_law("rolling", stiffness=["1 N/µm"], limit_force=["10 N"])
     assert law.parameters["stiffness"] == [STIFFNESS]
-    with pytest.raises(fraexp.FraexpError, match="did you mean 'rolling'"):
+    with refused(fraexp.FraexpError, "'roling'", "'rolling'"):
         workspace.friction_law("roling")
-    with pytest.raises(fraexp.FraexpError, match="no parameter 'stifness'; did you mean 'stiffness'"):
+    with refused(fraexp.FraexpError, "'stifness'", "'stiffness'"):
         workspace.friction_law("rolling", stifness=[1.0], limit_force=[1.0])

@@ -12,6 +12,7 @@ import xarray
 import fraexp
 from fraexp.interface.datasets import stack_datasets
 from tests.interface.conftest import POINTS
+from tests.refusals import refused
 
 
 def test_a_dataset_survives_netcdf_with_units_covariance_and_provenance(run: fraexp.Run, tmp_path: Path) -> None:
@@ -82,9 +83,9 @@ def test_metrics_alone_make_a_table(workspace: fraexp.Workspace) -> None:
     assert len(table) == len(run)
     assert (table["energy per cycle"] > 0).all()
     assert run[0].to_xarray().sizes == {"point": run[0].result.curves[0].columns["force"].size}
-    with pytest.raises(fraexp.FraexpError, match="no response to convert"):
+    with refused(fraexp.FraexpError, "to_pandas()"):
         run.to_xarray()
-    with pytest.raises(fraexp.FraexpError, match="has no frequency response"):
+    with refused(fraexp.FraexpError, "hysteresis"):
         _ = run[0].frequency
 
 
@@ -114,7 +115,7 @@ def test_a_figure_shows_a_range_of_frequencies(run: fraexp.Run) -> None:
 
 def test_a_range_without_a_point_is_refused(run: fraexp.Run) -> None:
     for shown in (run, run[0]):
-        with pytest.raises(fraexp.FraexpError, match="no response has a point between 1000 and 2000 Hz; they lie"):
+        with refused(fraexp.FraexpError, "frequency range", "2000 Hz", "200.2 Hz"):
             shown.plot(frequency_range=(1000.0, 2000.0))
 
 
@@ -126,7 +127,7 @@ def test_a_slice_has_what_results_have(run: fraexp.Run) -> None:
 
 
 def test_labels_are_named_as_filters_name_them(run: fraexp.Run) -> None:
-    with pytest.raises(fraexp.FraexpError, match=r"expected one of 4: excitation.amplitude=12 or 75; estimator=conv"):
+    with refused(fraexp.FraexpError, "4 results", "excitation.amplitude=12", "estimator=conventional"):
         run.one()
     assert run.one("excitation.amplitude=12 estimator=conventional").labels["excitation.amplitude"] == 12
 
@@ -175,7 +176,7 @@ def test_sweeps_over_other_frequencies_share_a_dataset(workspace: fraexp.Workspa
 def test_responses_of_different_units_are_not_mixed(run: fraexp.Run) -> None:
     first, second = (of.to_xarray() for of in run[:2])
     second.response.attrs["units"] = "rad/A"
-    with pytest.raises(fraexp.FraexpError, match=r"different units .m/N, rad/A."):
+    with refused(fraexp.FraexpError, "m/N, rad/A"):
         stack_datasets([first, second], {"estimator": ["one", "other"]}, {})
 
 
@@ -186,7 +187,7 @@ def test_a_frequency_that_is_repeated_is_not_lost(run: fraexp.Run) -> None:
     )
     whole = stack_datasets([twice, twice], {"estimator": ["one", "other"]}, {})
     assert whole.sizes["frequency"] == 2 * POINTS
-    with pytest.raises(fraexp.FraexpError, match="repeat a frequency"):
+    with refused(fraexp.FraexpError, "frequency"):
         stack_datasets([first, twice], {"estimator": ["one", "other"]}, {})
 
 
@@ -200,9 +201,11 @@ def test_what_is_missing_is_said_with_its_reason(workspace: fraexp.Workspace) ->
     )
     run = workspace.run(study, executor="serial", progress=False)
     assert len(run) == 0
-    assert "expects each frequency once" in next(iter(run.missing.values()))
-    with pytest.raises(IndexError, match=r"there is no result 0: 0 results .*expects each frequency once"):
+    (reason,) = run.missing.values()
+    with pytest.raises(IndexError) as raised:
         run[0]
+    assert "1 Hz" in reason
+    assert reason in str(raised.value)
     assert "1 failed" in run._repr_html_()
 
 
@@ -212,5 +215,5 @@ def test_a_missing_package_is_named_with_its_remedy(
 ) -> None:
     monkeypatch.setitem(sys.modules, name, None)
     convert = {"xarray": run[0].to_xarray, "pandas": run[0].to_pandas, "control": run[0].to_frd}[name]
-    with pytest.raises(fraexp.FraexpError, match=f"needs the package {name}: pip install {name}"):
+    with refused(fraexp.FraexpError, f"pip install {name}"):
         convert()

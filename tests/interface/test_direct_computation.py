@@ -13,6 +13,7 @@ import fraexp
 from fraexp.api import FrictionModel, param
 from fraexp.errors import StoreError
 from tests.interface.conftest import POINTS
+from tests.refusals import refused
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 
 EXCITATION = {"name": "stepped_sine", "points": POINTS, "amplitude": 12.0}
@@ -83,7 +84,7 @@ def test_a_law_of_this_session_is_not_run_in_other_processes(workspace: fraexp.W
         "own", machine="linear_motor_table", friction=law, excitation=EXCITATION, estimator="conventional"
     )
     before = len(workspace.runs())
-    with pytest.raises(fraexp.FraexpError, match="defined in this session only; write it to"):
+    with refused(fraexp.FraexpError, "own", workspace.folder / "plugins" / "scaled_in_session.py", "reload()"):
         workspace.run(study)
     assert len(workspace.runs()) == before
 
@@ -96,7 +97,7 @@ def test_a_law_cannot_take_the_name_of_a_plugin(workspace: fraexp.Workspace) -> 
         def advance(z, dy, dt, z_next):
             return 0.0
 
-    with pytest.raises(fraexp.FraexpError, match=r"'rolling' \(friction\) is provided by"):
+    with refused(fraexp.FraexpError, "'rolling'", "fraexp 0.1.0"):
         workspace.simulate("linear_motor_table", EXCITATION, friction=Rolling())
 
 
@@ -125,23 +126,28 @@ def test_a_measured_record_is_read_and_estimated(tmp_path, workspace: fraexp.Wor
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("call", "names"),
     [
-        (lambda of: of.simulate("linear_motor_table", {"name": "stepped_sine"}), "lacks 'amplitude'"),
-        (lambda of: of.simulate({"plant": "modal"}, EXCITATION), "lacks"),
-        (lambda of: of.read_record("none.csv", {"u": "u", "y": "y"}), "no such file"),
-        (lambda of: of.estimate(of.simulate("linear_motor_table", EXCITATION), "conventionl"), "did you mean"),
-        (lambda of: of.identify(of.simulate("linear_motor_table", EXCITATION), "conventional"), "no component"),
-        (lambda of: of.open_run("never"), "no run of a study 'never'"),
-        (lambda of: of.study("quik"), "did you mean 'quick'"),
-        (lambda of: of.open_run("quick").one("excitation.amplitude>100"), "0 results match 'excitation.amplitude>100'"),
-        (lambda of: fraexp.Workspace(of.folder / "missing"), "no such folder"),
+        (lambda of: of.simulate("linear_motor_table", {"name": "stepped_sine"}), ["[excitation]", "'amplitude'"]),
+        (lambda of: of.simulate({"plant": "modal"}, EXCITATION), ["[plant]", "'rigid_body_gain'"]),
+        (lambda of: of.read_record("none.csv", {"u": "u", "y": "y"}), ["none.csv"]),
+        (
+            lambda of: of.estimate(of.simulate("linear_motor_table", EXCITATION), "conventionl"),
+            ["'conventionl'", "'conventional'"],
+        ),
+        (
+            lambda of: of.identify(of.simulate("linear_motor_table", EXCITATION), "conventional"),
+            ["modal_fit"],
+        ),
+        (lambda of: of.open_run("never"), ["'never'"]),
+        (lambda of: of.study("quik"), ["'quik'", "'quick'"]),
+        (lambda of: of.open_run("quick").one("excitation.amplitude>100"), ["0 results", "'excitation.amplitude>100'"]),
+        (lambda of: fraexp.Workspace(of.folder / "missing"), ["missing"]),
     ],
 )
-def test_a_mistake_is_said_in_one_line(workspace: fraexp.Workspace, call, message: str) -> None:
-    with pytest.raises(fraexp.FraexpError, match=message) as raised:
+def test_a_mistake_is_said_in_one_line(workspace: fraexp.Workspace, call, names: list[str]) -> None:
+    with refused(fraexp.FraexpError, *names):
         call(workspace)
-    assert "\n" not in str(raised.value)
 
 
 def test_stored_sweeps_are_found_by_the_language_of_filters(workspace: fraexp.Workspace, run: fraexp.Run) -> None:
@@ -165,24 +171,23 @@ def test_functions_work_in_the_current_folder(tmp_path, monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize(
-    ("call", "message"),
+    ("call", "names"),
     [
-        (lambda of: of.run("quick", ["excitation.points=3"]), "changes: found .*; expected a table"),
-        (lambda of: of.run("quick", executor=4), "executor is 4; expected a text"),
-        (lambda of: of.run("quick", time_limit=-1), "time_limit is -1; expected a finite number above 0"),
-        (lambda of: of.run("quick", rerun="al"), "did you mean 'all'"),
-        (lambda of: of.open_run(1.5), "expected its number"),
-        (lambda of: of.simulate("linear_motor_table", "chirp", estimator="conventional"), "takes no estimator"),
-        (lambda of: of.estimate(np.zeros(3), "conventional"), "found ndarray; expected a Recording"),
-        (lambda of: of.open_run("quick").plot("bod"), "did you mean 'bode'"),
-        (lambda of: of.open_run("quick")[0].plot(frequency_range="5:50"), "expected two frequencies"),
-        (lambda of: fraexp.FrictionLaw("dahl"), "expected a friction model"),
+        (lambda of: of.run("quick", ["excitation.points=3"]), ["changes", "table"]),
+        (lambda of: of.run("quick", executor=4), ["executor", 4]),
+        (lambda of: of.run("quick", time_limit=-1), ["time_limit", -1, 0]),
+        (lambda of: of.run("quick", rerun="al"), ["'al'", "'all'"]),
+        (lambda of: of.open_run(1.5), ["run 1.5"]),
+        (lambda of: of.simulate("linear_motor_table", "chirp", estimator="conventional"), ["estimate()"]),
+        (lambda of: of.estimate(np.zeros(3), "conventional"), ["ndarray", "Recording"]),
+        (lambda of: of.open_run("quick").plot("bod"), ["'bod'", "'bode'"]),
+        (lambda of: of.open_run("quick")[0].plot(frequency_range="5:50"), ["frequency_range", "(4.5, 45)"]),
+        (lambda of: fraexp.FrictionLaw("dahl"), ["FrictionLaw", "'dahl'", "friction_law"]),
     ],
 )
-def test_a_wrong_type_is_named(workspace: fraexp.Workspace, call, message: str) -> None:
-    with pytest.raises(fraexp.FraexpError, match=message) as raised:
+def test_a_wrong_type_is_named(workspace: fraexp.Workspace, call, names: list[str]) -> None:
+    with refused(fraexp.FraexpError, *names):
         call(workspace)
-    assert "\n" not in str(raised.value)
 
 
 def test_a_result_travels_to_another_process(run: fraexp.Run) -> None:
@@ -193,7 +198,7 @@ def test_a_result_travels_to_another_process(run: fraexp.Run) -> None:
 
 def test_an_existing_file_is_not_replaced_unasked(run: fraexp.Run, tmp_path) -> None:
     path = run[0].export(tmp_path / "a.csv")
-    with pytest.raises(fraexp.FraexpError, match="give force=True"):
+    with refused(fraexp.FraexpError, path, "force=True"):
         run[0].export(path)
     assert run[1].export(path, force=True) == path
 

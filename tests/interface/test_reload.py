@@ -9,6 +9,7 @@ import fraexp
 from fraexp.components.registry import LOCAL, Registry, discover
 from fraexp.execution.job import Job, job_registry
 from tests.examples import thorough
+from tests.refusals import refused
 
 LAW = """
 from fraexp.api import FrictionModel, param
@@ -103,8 +104,8 @@ def test_a_worker_refuses_a_law_that_was_edited_after_the_run_had_read_it(plugin
     write_law(plugins, "slider", 5.0)
     second = job()
     assert source_hash(job_registry(second)) == second.sources["friction:slider"]
-    with pytest.raises(fraexp.FraexpError, match="friction 'slider' was changed after the run had read it; run the"):
+    with refused(fraexp.FraexpError, "'slider'"):
         job_registry(first)
     (plugins / "slider.py").unlink()
-    with pytest.raises(fraexp.FraexpError, match="friction 'slider' was changed"):
+    with refused(fraexp.FraexpError, "'slider'"):
         job_registry(first)

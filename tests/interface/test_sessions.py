@@ -15,6 +15,7 @@ from fraexp.api import FrictionModel, param
 from fraexp.errors import FraexpError, PluginError
 from fraexp.store.store import deferred_interrupt
 from tests.examples import thorough
+from tests.refusals import refused
 from tests.waiting import HANG_TIMEOUT_S
 
 ROOT = Path(__file__).parents[2]
@@ -58,16 +59,16 @@ def test_a_session_stays_in_its_folder(tmp_path: Path, monkeypatch: pytest.Monke
     (tmp_path / "other").mkdir()
     os.chdir(tmp_path / "other")
     assert workspace.folder == tmp_path
-    with pytest.raises(FraexpError, match=str(tmp_path / "results.db")):
+    with refused(FraexpError, tmp_path / "results.db"):
         workspace.runs()
 
 
 @pytest.mark.thorough
 def test_a_law_that_cannot_be_compiled_is_one_of_our_errors(tmp_path: Path) -> None:
     law = fraexp.FrictionLaw(Uncompiled(stiffness=1e6))
-    with pytest.raises(PluginError, match="cannot be compiled"):
+    with refused(PluginError, "compiled"):
         law.force(np.linspace(0, 1e-6, 10))
-    with pytest.raises(PluginError, match="cannot be compiled"):
+    with refused(PluginError, "compiled"):
         fraexp.Workspace(tmp_path).simulate(
             "linear_motor_table", {"name": "stepped_sine", "points": 2, "amplitude": 12.0}, friction=law
         )

@@ -1,6 +1,5 @@
 """A study in Python is the study in TOML: the same keys, the same sweeps, the same reuse, convertible both ways."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,7 @@ from fraexp.study.catalogue import catalogue
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.examples import some
 from tests.interface.conftest import POINTS
+from tests.refusals import refused
 
 EXAMPLES = {entry.name: entry.file for entry in catalogue(Path())}
 TEXTS = st.text(st.characters(exclude_categories=("Cs", "Cc")), max_size=8)
@@ -77,7 +77,7 @@ def test_a_saved_study_finds_its_records(tmp_path: Path) -> None:
     first = workspace.run(study, progress=False)
     assert workspace.plan("bench") == {"total": 1, "reused": 1, "missing": 0, "seconds": 0.0, "like": 0, "unlike": 0}
     assert abs(first[0].response[0]) == pytest.approx(1.0)
-    with pytest.raises(fraexp.FraexpError, match="the file exists"):
+    with refused(fraexp.FraexpError, "bench.toml", "force=True"):
         study.save(tmp_path / "studies" / "bench.toml")
 
 
@@ -96,62 +96,62 @@ def test_any_value_reads_back_from_its_text(value: object) -> None:
 
 
 @pytest.mark.parametrize(
-    ("keys", "message"),
+    ("keys", "names"),
     [
-        ({"excitation": object()}, "a study cannot contain <object"),
-        ({"excitaton": "stepped_sine"}, "did you mean 'excitation'"),
-        ({"machine": "linear_motor", "excitation": "chirp", "estimator": "conventional"}, "there is no machine"),
-        ({}, "the study is empty"),
+        ({"excitation": object()}, ["<object object"]),
+        ({"excitaton": "stepped_sine"}, ["'excitaton'", "'excitation'"]),
+        (
+            {"machine": "linear_motor", "excitation": "chirp", "estimator": "conventional"},
+            ["'linear_motor_table'"],
+        ),
+        ({}, ["[excitation]", "[estimator]"]),
     ],
 )
-def test_what_does_not_fit_is_said_in_one_line(
-    keys: dict[str, object], message: str, workspace: fraexp.Workspace
-) -> None:
-    with pytest.raises(fraexp.FraexpError, match=message) as raised:
+def test_what_does_not_fit_is_named(keys: dict[str, object], names: list[str], workspace: fraexp.Workspace) -> None:
+    with refused(fraexp.FraexpError, *names):
         workspace.run(fraexp.Study("wrong", **keys))
-    assert "\n" not in str(raised.value)
 
 
 @pytest.mark.parametrize("name", ["", "../up", "a b", "/root", "-x", "a/../b"])
 def test_a_name_that_is_no_file_name_is_refused(name: str) -> None:
-    with pytest.raises(fraexp.FraexpError, match="expected letters"):
+    with refused(fraexp.FraexpError, "study name", repr(name)):
         fraexp.Study(name)
 
 
 def test_no_toml_is_refused() -> None:
-    with pytest.raises(fraexp.FraexpError, match="no valid TOML"):
+    with refused(fraexp.FraexpError, "study", "TOML"):
         fraexp.Study.from_toml("a = ")
 
 
 @pytest.mark.parametrize(
-    ("path", "expected"),
+    ("path", "names"),
     [
-        ("/proc/abc.toml", "/proc/abc.toml: the study cannot be written: "),
-        ("/dev/null/abc", "/dev/null/abc.toml: the study cannot be written: "),
-        ("a" * 300, "the study cannot be written: File name too long; choose another place"),
-        ("abc.txt", "abc.txt: '.txt' is no ending of a study; expected abc.toml"),
-        ("", "'.' is no name of a file; expected one such as studies/x.toml"),
-        ("a\0b", "path is 'a\\x00b'; expected a path"),
+        ("/proc/abc.toml", ["/proc/abc.toml"]),
+        ("/dev/null/abc", ["/dev/null/abc.toml"]),
+        ("a" * 300, ["a" * 300]),
+        ("abc.txt", ["abc.txt", "'.txt'", "abc.toml"]),
+        ("", ["'.'", "studies/x.toml"]),
+        ("a\0b", ["path", r"'a\x00b'"]),
     ],
 )
-def test_a_place_that_cannot_be_written_is_one_line(path: str, expected: str) -> None:
-    with pytest.raises(fraexp.FraexpError, match=re.escape(expected)):
+def test_a_place_that_cannot_be_written_is_one_line(path: str, names: list[str]) -> None:
+    with refused(fraexp.FraexpError, *names):
         fraexp.Study("x").save(path)
 
 
 def test_a_saved_study_gets_its_ending(tmp_path: Path) -> None:
     file = fraexp.Study("x", machine="linear_motor_table").save(tmp_path / "studies" / "abc")
     assert file == tmp_path / "studies" / "abc.toml"
-    with pytest.raises(fraexp.FraexpError, match=r"abc.toml: the file exists"):
+    with refused(fraexp.FraexpError, file, "force=True"):
         fraexp.Study("x").save(tmp_path / "studies" / "abc")
 
 
 def test_a_long_name_is_refused_before_a_file_system_does() -> None:
-    with pytest.raises(fraexp.FraexpError, match="has 300 letters; expected 100 or fewer"):
+    with refused(fraexp.FraexpError, "300 letters", 100):
         fraexp.Study("a" * 300)
-    with pytest.raises(fraexp.FraexpError, match=r"there is no study 'a{60}': File name too long"):
+    with refused(fraexp.FraexpError, f"'{'a' * 60}'"):
         fraexp.Workspace().run("a" * 300)
-    with pytest.raises(fraexp.FraexpError, match="there is no such folder"):
+    with refused(fraexp.FraexpError, "a" * 300):
         fraexp.Workspace("a" * 300)
-    with pytest.raises(fraexp.FraexpError, match=r"is a file; expected the folder to work in, such as .*interface"):
+    with refused(fraexp.FraexpError, __file__, Path(__file__).parent):
         fraexp.Workspace(__file__)

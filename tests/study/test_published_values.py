@@ -17,6 +17,7 @@ from fraexp.study.published_values import (
     number_text,
 )
 from fraexp.study.study_file import describe_study, packaged_studies
+from tests.refusals import refused
 
 WHERE = {"estimator.method": "proposed", "excitation.amplitude": 12}
 SWEEPS = [
@@ -114,10 +115,9 @@ def test_a_wrong_printed_number_is_refused_in_one_line(tmp_path: Path, table: st
     file = tmp_path / "study.toml"
     value = "" if "value" in table else "value = 1.0"
     file.write_text(f'[[published]]\nwhat = "f"\n{value}\nmetric = "f"\n{table}\n', "utf-8")
-    with pytest.raises(FraexpError, match=r"study.toml, \[\[published\]\] number 1") as error:
+    with refused(FraexpError, "study.toml", "[[published]] number 1") as error:
         describe_study("study", file)
     assert complaint in str(error.value)
-    assert "\n" not in str(error.value)
 
 
 def test_a_printed_number_of_no_sweep_is_refused_when_the_study_is_read() -> None:
@@ -133,7 +133,7 @@ def test_a_printed_number_of_no_sweep_is_refused_when_the_study_is_read() -> Non
         ("no sweep has case = 'rihgt'; did you mean 'right'?", "has no 'amplitud'; did you mean", "first one has 12.0"),
         strict=True,
     ):
-        with pytest.raises(StudyError, match=r"a.toml, \[\[published\]\] number 1: ") as error:
+        with refused(StudyError, "a.toml", "[[published]] number 1") as error:
             check([replace_where(numbers[0], where)], sweeps, "a.toml")
         assert complaint in str(error.value)
 

@@ -7,6 +7,7 @@ from fraexp.errors import FraexpError
 from fraexp.figures.elements.label_units import label_units
 from fraexp.study.random_draws import Draw
 from fraexp.study.study_file import load
+from tests.refusals import refused
 
 HEAD = """
 machine = "linear_motor_table"
@@ -228,13 +229,10 @@ def wrong(sweeps, text, sentence):
 
 def test_a_draw_beyond_the_bounds_is_named_with_its_numbers(sweeps):
     text = HEAD + RANDOM.replace('std = "0.5 Hz"', "relative = 3.0")
-    with pytest.raises(
-        FraexpError,
-        match=r"draw (\d) \(plant.frequencies.0 = -.*, friction.curve.characteristic_displacement = .*lower the width",
-    ):
+    with refused(FraexpError, "draw", "plant.frequencies.0", "friction.curve.characteristic_displacement", "width"):
         sweeps(text)
 
 
 def test_what_is_not_drawn_cannot_be_set(sweeps):
-    with pytest.raises(FraexpError, match=r"--set monte_carlo.count: .*s.toml has no section \[monte_carlo\]"):
+    with refused(FraexpError, "--set monte_carlo.count", "s.toml", "[monte_carlo]"):
         sweeps(HEAD, "monte_carlo.count=3")

@@ -1,12 +1,12 @@
 """Studies: what overrides and grids mean, and how what is wrong is said."""
 
-import re
 from pathlib import Path
 
 import pytest
 
 from fraexp.errors import FraexpError, StudyError
 from fraexp.study.study_file import find_studies, load, packaged_studies
+from tests.refusals import refused
 
 HEAD = """
 machine = "linear_motor_table"
@@ -72,16 +72,16 @@ def test_an_axis_of_the_grid_can_be_set(registry, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("override", "says"),
+    ("override", "names"),
     [
-        ("grid.excitation.amplitude=12", "expected a list such as [12, 75]"),
-        ("grid.excitation.amplitude=[]", "expected a list such as [12, 75]"),
-        ("grid.excitatio.amplitude=[12]", "leads nowhere; did you mean 'excitation'?"),
-        ("grid=[12]", "only a section's parameters can be set"),
+        ("grid.excitation.amplitude=12", ["[12, 75]"]),
+        ("grid.excitation.amplitude=[]", ["[12, 75]"]),
+        ("grid.excitatio.amplitude=[12]", ["'excitation'"]),
+        ("grid=[12]", ["grid"]),
     ],
 )
-def test_an_axis_that_cannot_be_one_is_refused(registry, tmp_path, override, says):
-    with pytest.raises(StudyError, match=re.escape(says)):
+def test_an_axis_that_cannot_be_one_is_refused(registry, tmp_path, override, names):
+    with refused(StudyError, *names):
         study(registry, tmp_path, HEAD, override)
 
 
@@ -220,7 +220,7 @@ def test_a_byte_order_mark_is_no_error_and_another_coding_is(registry, tmp_path)
     file.write_bytes(b"\xef\xbb\xbf" + HEAD.encode())
     assert len(load("s", file, tmp_path, registry).sweeps) == 1
     file.write_bytes("title = 'µ'".encode("latin-1"))
-    with pytest.raises(StudyError, match="no text in UTF-8"):
+    with refused(StudyError, file, "UTF-8"):
         load("s", file, tmp_path, registry)
 
 
@@ -231,7 +231,7 @@ def test_studies_are_found_by_name_path_and_folder(tmp_path):
     assert find_studies("mine/a", tmp_path)[0][0] == "mine/a"
     assert [name for name, _ in find_studies("mine", tmp_path)] == ["mine/a"]
     assert find_studies("quick", tmp_path)[0][0] == "quick"  # comes along
-    with pytest.raises(StudyError, match="there is no study 'minee'; did you mean"):
+    with refused(StudyError, "'minee'", "'mine/a'"):
         find_studies("minee", tmp_path)
 
 
@@ -240,7 +240,7 @@ def test_a_name_that_may_mean_two_files_of_a_workspace_is_refused(tmp_path):
     (tmp_path / "studies").mkdir()
     for folder in (tmp_path, tmp_path / "studies"):
         (folder / "axis.toml").write_text("", encoding="utf-8")
-    with pytest.raises(StudyError, match=r"'axis' may be .*axis\.toml or .*studies.axis\.toml; give the path"):
+    with refused(StudyError, "'axis'", tmp_path / "axis.toml", tmp_path / "studies/axis.toml"):
         find_studies("axis", tmp_path)
     assert find_studies("axis.toml", tmp_path)[0][1] == tmp_path / "axis.toml"
     assert find_studies("studies/axis", tmp_path)[0][1] == tmp_path / "studies" / "axis.toml"

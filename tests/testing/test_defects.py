@@ -7,6 +7,7 @@ from fraexp.errors import PluginError
 from fraexp.testing import Verdict, checks_for, run_checks
 from fraexp.testing.check_catalogue import FRICTION
 from tests.examples import thorough
+from tests.refusals import refused
 from tests.testing import defects, other_defects
 
 
@@ -61,5 +62,5 @@ def test_an_expected_failure_must_fail() -> None:
 
 
 def test_an_expected_failure_of_an_unknown_check_is_refused() -> None:
-    with pytest.raises(PluginError, match=r"element\.expected_failures: no check 'enrgy'; did you mean 'energy'\?"):
+    with refused(PluginError, "element.expected_failures", "'enrgy'", "'energy'"):
         run_checks(defects.Element, expected_failures={"enrgy": "a slip"})

@@ -19,6 +19,7 @@ from fraexp.errors import PluginError
 from fraexp.kernels.call_watch import MAX_SLOW_CALLS, CallBudget
 from fraexp.kernels.law_error import LawCallError, LawError
 from tests.examples import some, thorough
+from tests.refusals import refused
 from tests.testing.harmful_laws import LAWS, Law
 
 MANY_REVERSALS = 3e-5 * np.sin(2 * np.pi * np.arange(40_000) / 40)
@@ -50,9 +51,8 @@ def test_what_goes_wrong_late_in_compiled_code_is_told_with_its_line(name: str, 
     "name", some(["writes_state_late", "writes_parameter_late", "keeps_array_late"], "keeps_array_late")
 )
 def test_the_compiler_refuses_a_write_to_what_a_law_may_only_read(name: str, tmp_path: Path) -> None:
-    with pytest.raises((LawError, PluginError), match="it may write only z_next") as caught:
+    with refused((LawError, PluginError), f"{name}.py", "line", "z_next"):
         hostile(name, tmp_path).forces([Motion(MANY_REVERSALS, 1e-3)])
-    assert f"{name}.py, line " in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -83,13 +83,12 @@ def test_the_trial_refuses_a_law_that_is_no_function_of_its_arguments(name: str,
 
 
 def test_the_compiler_refuses_a_variable_that_a_branch_leaves_unassigned(tmp_path: Path) -> None:
-    with pytest.raises((LawError, PluginError), match=r"line \d+\).* leaves 'extra' unassigned") as caught:
+    with refused((LawError, PluginError), "unassigned_rarely.py", "line", "'extra'"):
         hostile("unassigned_rarely", tmp_path).forces([Motion(MANY_REVERSALS, 1e-3)])
-    assert "unassigned_rarely.py, line " in str(caught.value)
 
 
 def test_a_state_that_is_left_unwritten_late_is_no_older_one(tmp_path: Path) -> None:
-    with pytest.raises(PluginError, match=r"z_next\[3\] = nan .*, or leaves it unwritten"):
+    with refused(PluginError, "z_next[3]", "nan"):
         hostile("leaves_unwritten_late", tmp_path).forces([Motion(MANY_REVERSALS, 1e-3)])
 
 
@@ -100,7 +99,7 @@ def test_a_law_that_takes_seconds_for_each_sample_is_given_up() -> None:
         for _ in range(MAX_SLOW_CALLS):
             with budget.measure():
                 pass
-        with pytest.raises(LawCallError, match="of processor time for each sample"), budget.measure():
+        with pytest.raises(LawCallError), budget.measure():
             pass
 
 
@@ -160,5 +159,5 @@ def test_what_a_file_sets_for_the_process_is_restored(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["drives", "negative_damper", "negative_viscous"])
 def test_a_law_that_gives_energy_is_refused(name: str, tmp_path: Path) -> None:
     model = hostile(name, tmp_path)
-    with pytest.raises(PluginError, match=r"gives energy: .* \(check 'energy'\)"):
+    with refused(PluginError, name, "'energy'"):
         check_passivity(name, model.law, model.law_arguments(), model.state_size, model.viscous)

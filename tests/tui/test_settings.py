@@ -8,6 +8,7 @@ import pytest
 from fraexp.errors import FraexpError
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.services.user_settings import read_settings, settings_file
+from tests.refusals import refused
 from tests.tui.pilots import pilot_of
 
 GUIDE = Path(__file__).parents[2] / "docs/terminal-ui.md"
@@ -64,7 +65,7 @@ def test_wrong_settings_are_told_in_one_line(workspace, write, text, complaint):
 def test_a_file_that_is_no_text_is_told(workspace, write, content):
     file = write("")
     file.write_bytes(content)
-    with pytest.raises(FraexpError, match="cannot be read as TOML"):
+    with refused(FraexpError, file, "TOML"):
         FraexpApp(workspace)
 
 

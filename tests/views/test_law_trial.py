@@ -10,6 +10,7 @@ from fraexp.views.entries import apply_texts, example_spec, parameter_entries, w
 from fraexp.views.law_trial import STEPS_PER_PERIOD, TRIAL_STUDY, LawTrial, SineMotion, trial_overrides
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.examples import thorough
+from tests.refusals import refused
 from tests.tui.test_plugins import LAW, drop
 
 LUGRE = {"name": "lugre", "preset": "linear_motor_table"}
@@ -82,24 +83,23 @@ def test_numbers_move_by_a_share_and_stay_within_their_bounds(registry):
 
 
 @pytest.mark.parametrize(
-    ("line", "complaint"),
+    ("line", "names"),
     [
-        ("return math.nan", r"the law of mine \(mine.py, line \d+\) gives a force of nan"),
-        thorough("return 1 / (dy - dy)", r"the law of mine \(mine.py, line \d+\) fails on dy"),
-        thorough("return float('nan') if abs(z[0]) > 0.5 else z_next[0]", "the law gives a force of nan N"),
-        thorough("return [][1] if abs(z[0]) > 0.5 else z_next[0]", "the law fails: IndexError"),
+        ("return math.nan", ["mine.py", "line", "nan"]),
+        thorough("return 1 / (dy - dy)", ["mine.py", "line", "dy"]),
+        thorough("return float('nan') if abs(z[0]) > 0.5 else z_next[0]", ["nan N"]),
+        thorough("return [][1] if abs(z[0]) > 0.5 else z_next[0]", ["IndexError"]),
     ],
 )
-def test_a_law_that_raises_or_gives_no_number_is_told_in_one_line(tmp_path, line, complaint):
+def test_a_law_that_raises_or_gives_no_number_is_told_in_one_line(tmp_path, line, names):
     text = LAW.format(stiffness=1e5).replace("return z_next[0]", line).replace("\nfrom", "\nimport math\nfrom", 1)
     drop(tmp_path, text.replace("min(max(z[0] + stiffness * dy, -1.0), 1.0)", "z[0] + stiffness * dy"))
-    with pytest.raises(FraexpError, match=complaint) as raised:
+    with refused(FraexpError, *names):
         # small to be rehearsed without reaching far
         LawTrial({"name": "mine", "stiffness": 0.4}, SineMotion(amplitude=2.0), discover(tmp_path / "plugins")).loop()
-    assert "\n" not in str(raised.value)
 
 
 def test_a_law_that_takes_too_long_is_left_to_the_compiler(registry, monkeypatch):
     monkeypatch.setattr("fraexp.views.law_trial.MAX_TRIAL_TIME_S", 0.0)
-    with pytest.raises(FraexpError, match="too slow for plain Python; run the study"):
+    with refused(FraexpError, "Python", "study"):
         LawTrial(DAHL, SineMotion(), registry).loop()

@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -25,6 +24,7 @@ from fraexp.execution.job import Job
 from fraexp.store import Store
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.dask_cluster import Cluster, distribution
+from tests.refusals import refused
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 
 pytestmark = pytest.mark.thorough
@@ -165,26 +165,25 @@ def test_the_numbers_are_those_of_a_serial_run_bit_for_bit(cluster, tmp_path, by
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "names"),
     [
-        ("dask:", "expected dask:ADDRESS"),
-        ("dask:tcp://somewhere", "expected an address with its port"),
-        ("dask:text.json", "this is not a scheduler file"),
-        ("dask:tcp://127.0.0.1:1", "no Dask scheduler answers at tcp://127.0.0.1:1"),
+        ("dask:", ["dask:ADDRESS"]),
+        ("dask:tcp://somewhere", ["port"]),
+        ("dask:text.json", ["text.json", "scheduler file"]),
+        ("dask:tcp://127.0.0.1:1", ["tcp://127.0.0.1:1"]),
     ],
 )
-def test_a_place_without_a_cluster_is_one_line(tmp_path, monkeypatch, name, said):
+def test_a_place_without_a_cluster_is_one_line(tmp_path, monkeypatch, name, names):
     monkeypatch.chdir(tmp_path)
     Path("text.json").write_text("no JSON")
-    with pytest.raises(StudyError, match=re.escape(said)) as error:
+    with refused(StudyError, *names):
         create_workers(name, 1)
-    assert "\n" not in str(error.value)
 
 
 def test_without_a_cluster_nothing_is_stored(tmp_path):
     told = run(workspace(tmp_path), "trials", "--executor=dask:tcp://127.0.0.1:1")
     assert told.returncode == ExitCode.USAGE, told.stderr
-    assert "no Dask scheduler answers at tcp://127.0.0.1:1" in told.stderr.splitlines()[-1]
+    assert ["tcp://127.0.0.1:1"] in told.stderr.splitlines()[-1]
     assert "Traceback" not in told.stderr
     with Store.open(str(tmp_path / "results.db"), read_only=True) as store:
         assert store.runs() == []
@@ -211,9 +210,7 @@ def test_workers_with_another_source_of_fraexp_are_refused(doomed, tmp_path, che
     with (site / "fraexp" / "execution" / "job.py").open("a") as source:
         source.write("# changed\n")
     doomed.start_worker("changed", environment={"PYTHONPATH": str(site)})
-    with pytest.raises(
-        StudyError, match=r"changed .* has another source of fraexp\.execution\.job in the same version"
-    ):
+    with refused(StudyError, "changed", "fraexp.execution.job"):
         create_workers(f"dask:{doomed.address}", 1)
 
 
@@ -250,12 +247,12 @@ def test_what_workers_cannot_read_is_refused_by_name(cluster, tmp_path):
     lost = replace(job(tmp_path), experiment=experiment, files={"record": str(record)})
     with create_workers(f"dask:{cluster.address}", 1) as workers:
         workers.submit(0, lost)
-        with pytest.raises(StudyError, match=f"cannot read the record {record} .No such file or directory.; keep"):
+        with refused(StudyError, record):
             wait_until(lambda: list(workers.reports()))
     record.write_text("1,2")
     with create_workers(f"dask:{cluster.address}", 1) as workers:
         workers.submit(0, lost)
-        with pytest.raises(StudyError, match=f"has another record at {record}"):
+        with refused(StudyError, record):
             wait_until(lambda: list(workers.reports()))
     with create_workers(f"dask:{cluster.address}", 1) as workers:
         workers.submit(0, job(tmp_path)).result(HANG_TIMEOUT_S)
@@ -270,7 +267,7 @@ def test_a_worker_that_is_killed_costs_one_job_and_others_go_on(doomed, tmp_path
         future = workers.submit(0, job(tmp_path, seconds=600))
         wait_until((doomed.folder / "began").exists)
         doomed.kill(first)
-        with pytest.raises(WorkerLostError, match=r"its Dask worker first \(tcp://.*\) was lost"):
+        with refused(WorkerLostError, "worker first", "tcp://"):
             future.result(HANG_TIMEOUT_S)
         again = workers.submit(1, job(tmp_path))
         doomed.start_worker("late")
@@ -360,7 +357,7 @@ def test_a_job_beyond_its_time_ends_its_worker(doomed, tmp_path, monkeypatch, na
     doomed.start_worker("slow", nanny)
     with create_workers(f"dask:{doomed.address}", 1, ResourceLimits(time=8.0)) as workers:
         future = workers.submit(0, job(tmp_path, seconds=600))
-        with pytest.raises(WorkerLostError, match="longer than the time limit of 8 s") as error:
+        with refused(WorkerLostError, "8 s") as error:
             future.result(HANG_TIMEOUT_S)
         assert not error.value.is_retryable
         again = workers.submit(1, job(tmp_path))
@@ -370,5 +367,5 @@ def test_a_job_beyond_its_time_ends_its_worker(doomed, tmp_path, monkeypatch, na
 
 
 def test_a_cap_on_memory_is_left_to_dask():
-    with pytest.raises(StudyError, match="dask worker --memory-limit"):
+    with refused(StudyError, "dask worker --memory-limit"):
         create_workers("dask:tcp://127.0.0.1:1", 1, ResourceLimits(memory=10**9))

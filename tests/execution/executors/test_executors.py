@@ -18,6 +18,7 @@ from fraexp.execution.executors import ResourceLimits, WorkerLostError, Workers,
 from fraexp.execution.executors.limits import DEFAULT_TIME_LIMIT_S
 from fraexp.execution.job import Failure
 from tests.examples import thorough
+from tests.refusals import refused
 from tests.trouble import job, trouble, write_plugin
 from tests.waiting import HANG_TIMEOUT_S, wait_until
 
@@ -163,7 +164,7 @@ def test_workers_that_cannot_start_end_the_run_in_one_line(plugins: str, monkeyp
     monkeypatch.setattr("fraexp.execution.executors.processes.serve_jobs", exit)
     with create_workers("processes:1", 1) as workers:
         workers.submit(0, job(plugins))
-        with pytest.raises(StudyError, match=r"no worker process can start: its worker exited with code \d"):
+        with refused(StudyError, "worker process", "code"):
             wait_until(lambda: list(workers.reports()) and None)
 
 
@@ -196,28 +197,28 @@ def _texts(limits: ResourceLimits) -> tuple[str | None, str | None]:
 
 
 @pytest.mark.parametrize(
-    ("time_limit", "memory", "told"),
+    ("time_limit", "memory", "names"),
     [
-        ("soon", None, "time limit 'soon': expected a time above 0 such as 60"),
-        ("0", None, "time limit '0': expected"),
-        ("-3", None, "time limit '-3': expected"),
-        (None, "much", "memory cap 'much': expected such as 2GB"),
-        (None, "10MB", "memory cap '10MB': a worker alone needs 400 MB"),
+        ("soon", None, ["time limit", "'soon'", 60]),
+        ("0", None, ["time limit", "'0'"]),
+        ("-3", None, ["time limit", "'-3'"]),
+        (None, "much", ["memory cap", "'much'", "2GB"]),
+        (None, "10MB", ["memory cap", "'10MB'", "400 MB"]),
     ],
 )
-def test_what_is_no_limit_is_refused(time_limit: str | None, memory: str | None, told: str) -> None:
-    with pytest.raises(StudyError, match=f"^{told}"):
+def test_what_is_no_limit_is_refused(time_limit: str | None, memory: str | None, names: list[str]) -> None:
+    with refused(StudyError, *names):
         ResourceLimits.parse(time_limit, memory)
 
 
 def test_this_process_caps_no_memory() -> None:
-    with pytest.raises(StudyError, match="processes:1"):
+    with refused(StudyError, "processes:1"):
         ResourceLimits(memory=10**9).check("serial")
 
 
 @pytest.mark.parametrize("name", ["serial:2", "processes:0", "processes:x", "threads", thorough("processes:513")])
 def test_there_is_no_other_executor(name: str) -> None:
-    with pytest.raises(StudyError, match="executor"):
+    with refused(StudyError, "executor"):
         worker_count(name)
 
 
