@@ -24,5 +24,5 @@ def refused(kind: type[Exception] | tuple[type[Exception], ...], *names: object)
     text = str(caught.value)
     assert "\n" not in text
     for name in expected:
-        whole = rf"(?:\b|(?!\w))(?<!\d\.){re.escape(name)}(?:\b|(?<!\w))(?!\.\d)"
+        whole = rf"(?:\b|(?!\w))(?:(?<!\d\.)|(?!\d)){re.escape(name)}(?:\b|(?<!\w))(?!\.\d)"
         assert re.search(whole, text), f"{name!r} is not in {text!r}"

@@ -7,6 +7,7 @@ from fraexp_plugins.excitations.prbs import Prbs
 
 from fraexp.errors import ParameterError
 from tests.excitations.spectra import TS, amplitudes, crest_factor
+from tests.refusals import refused
 
 
 @pytest.mark.parametrize("sweep", ["logarithmic", "linear"])
@@ -82,18 +83,13 @@ def test_harmonics_without_power_are_no_lines(inverse_repeat):
 
 
 @pytest.mark.parametrize(
-    ("excitation", "reason"),
+    ("excitation", "names"),
     [
-        (Chirp(amplitude=1, max_frequency=1000), "chirp reaches 1000 Hz"),
-        (
-            Chirp(amplitude=1, period=0.1, min_frequency=1, max_frequency=5),
-            "no line between 1 and 5 Hz; widen the frequency range",
-        ),
-        (Prbs(amplitude=1, order=3, max_frequency=10), "no line between 1 and 10 Hz"),
+        (Chirp(amplitude=1, max_frequency=1000), ["chirp", "1000 Hz"]),
+        (Chirp(amplitude=1, period=0.1, min_frequency=1, max_frequency=5), ["line", "5 Hz"]),
+        (Prbs(amplitude=1, order=3, max_frequency=10), ["10 Hz"]),
     ],
 )
-def test_impossible_bands_are_refused_in_one_line(excitation, reason):
-    with pytest.raises(ParameterError) as error:
+def test_impossible_bands_are_refused_in_one_line(excitation, names):
+    with refused(ParameterError, *names):
         excitation.check(TS)
-    assert reason in str(error.value)
-    assert "\n" not in str(error.value)

@@ -7,6 +7,7 @@ from fraexp_plugins.friction.rolling import Rolling
 
 from fraexp.errors import ParameterError
 from tests.excitations.spectra import TS, amplitudes, crest_factor, others
+from tests.refusals import refused
 
 FLAT = {"rms": 12.0, "detection_group_size": 0}
 ROUNDING = 1e-13
@@ -121,23 +122,15 @@ def test_periods_are_even_numbers_of_samples_with_small_prime_factors(sample_tim
 
 
 @pytest.mark.parametrize(
-    ("parameters", "reason"),
+    ("parameters", "names"),
     [
-        (
-            {"min_frequency": 20, "max_frequency": 10},
-            "multisine.min_frequency is 20 Hz; it must not be above max_frequency, 10 Hz",
-        ),
-        (
-            {"max_frequency": 1000},
-            "multisine reaches 1000 Hz; at a sample time of 0.0005 s the Nyquist frequency is 1000 Hz",
-        ),
-        ({"realisations": 1000, "recorded_periods": 100}, "records 400,000,000 samples in all"),
-        ({"detection_group_size": 1}, "multisine.detection_group_size is 1, which leaves no line to excite"),
-        ({"amplitude_profile": ((10, 1), (5, 1))}, "expected them to ascend"),
+        ({"min_frequency": 20, "max_frequency": 10}, ["min_frequency", "20 Hz", "max_frequency", "10 Hz"]),
+        ({"max_frequency": 1000}, ["1000 Hz", "0.0005 s", "Nyquist"]),
+        ({"realisations": 1000, "recorded_periods": 100}, ["400,000,000 samples"]),
+        ({"detection_group_size": 1}, ["detection_group_size", 1]),
+        ({"amplitude_profile": ((10, 1), (5, 1))}, ["amplitude_profile"]),
     ],
 )
-def test_impossible_grids_are_refused_in_one_line(parameters, reason):
-    with pytest.raises(ParameterError) as error:
+def test_impossible_grids_are_refused_in_one_line(parameters, names):
+    with refused(ParameterError, "multisine", *names):
         Multisine.parse({"rms": 1, **parameters}, "multisine").check(TS)
-    assert reason in str(error.value)
-    assert "\n" not in str(error.value)

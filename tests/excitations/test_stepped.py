@@ -236,17 +236,12 @@ def response_between_reversals(segment: Segment, excitation: MovingSine) -> comp
 
 
 @pytest.mark.parametrize(
-    ("excitation", "reason"),
+    ("excitation", "names"),
     [
-        (SteppedSine(amplitude=1, min_frequency=1e-4), "stepped_sine has 2e+07 samples per period at 0.0001 Hz"),
-        (
-            MovingSine(amplitude=1, min_frequency=2e-3),
-            "moving_sine has a base period of 2e+03 s; at a sample time of 0.0005 s",
-        ),
+        (SteppedSine(amplitude=1, min_frequency=1e-4), ["2e+07 samples", "0.0001 Hz"]),
+        (MovingSine(amplitude=1, min_frequency=2e-3), ["2e+03 s", "0.0005 s"]),
     ],
 )
-def test_impossible_grids_are_refused_in_one_line(excitation, reason):
-    with pytest.raises(ParameterError) as error:
+def test_impossible_grids_are_refused_in_one_line(excitation, names):
+    with refused(ParameterError, excitation.name, *names):
         excitation.check(TS)
-    assert reason in str(error.value)
-    assert "\n" not in str(error.value)

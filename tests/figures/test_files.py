@@ -64,9 +64,8 @@ def test_the_figure_fits_the_results(result: Result) -> None:
 @pytest.mark.parametrize("kind", ["", "bode", "errors", "amplitude_map", "levels", "hysteresis", "curves"])
 def test_what_has_nothing_to_draw_is_one_line(kind: str) -> None:
     empty = Result(Outcome.DIVERGED, response=make_response([], []))
-    with pytest.raises(FraexpError) as caught:
+    with refused(FraexpError):
         draw_figure([ShownResult("a", empty, truth=np.empty(0), amplitude=1.0)] * 2, kind=kind)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("kind", some(["errors", "amplitude_map", "levels", "bode"], "errors"))

@@ -5,24 +5,20 @@ import pytest
 import fraexp
 from fraexp.interface.result_sets import Results
 from tests.interface.conftest import POINTS
+from tests.refusals import refused
 
 
 @pytest.mark.parametrize(
-    ("call", "expected"),
+    ("call", "names"),
     [
-        (
-            lambda run: run["conventional"],
-            "the index is 'conventional'; expected a number or a slice, such as [0]; one(",
-        ),
-        (lambda run: run[1.0], "the index is 1.0; expected a number or a slice"),
-        (lambda run: run.filter("excitation.amplitude >= 20 N m"), "'N m' is not a unit of the same kind as 'N'"),
+        (lambda run: run["conventional"], ["'conventional'", "[0]", "one("]),
+        (lambda run: run[1.0], ["1.0", "[0]"]),
+        (lambda run: run.filter("excitation.amplitude >= 20 N m"), ["'N m'", "'N'"]),
     ],
 )
-def test_a_wrong_search_is_one_line_with_the_remedy(run: fraexp.Run, call, expected: str) -> None:
-    with pytest.raises(fraexp.FraexpError) as raised:
+def test_a_wrong_search_is_one_line_with_the_remedy(run: fraexp.Run, call, names: list[str]) -> None:
+    with refused(fraexp.FraexpError, *names):
         call(run)
-    assert expected in str(raised.value)
-    assert "\n" not in str(raised.value)
 
 
 def test_a_quantity_may_be_written_with_blanks(run: fraexp.Run) -> None:

@@ -87,40 +87,32 @@ def simulate(plant: dict[str, float] | None = None, **excitation: object) -> fra
 
 
 @pytest.mark.parametrize(
-    ("call", "expected"),
+    ("call", "names"),
     [
-        (Uncompiled, "Uncompiled lacks 'stiffness' (stiffness, N/m)"),
-        (lambda: Uncompiled(stiffness=-1), "Uncompiled.stiffness is -1; the stiffness must be above 0 N/m"),
-        (lambda: Uncompiled(stiffnes=1), "has no parameter 'stiffnes'; did you mean 'stiffness'?"),
-        (lambda: fraexp.FrictionLaw(Uncompiled(stiffness=1e6)).force([0, 1j]), "displacement is complex"),
-        (
-            lambda: fraexp.FrictionLaw(Uncompiled),
-            "found the class Uncompiled; expected an object: Uncompiled(stiffness",
-        ),
-        (
-            lambda: fraexp.friction_law("uncompiled_in_session"),
-            "; the class Uncompiled of this session is: give Uncomp",
-        ),
-        (lambda: fraexp.Study(friction=Uncompiled), "found the class Uncompiled; expected an object: Uncompiled(stif"),
-        (lambda: plan(estimator=["conventional", "h1_h2_hv"]), "[grid] runs several: estimator = [...]"),
-        (lambda: simulate(amplitude=[12.0, 30.0]), "expected a valid number; a study varies it in [grid]"),
-        (lambda: fraexp.read_record(RECORD, {"u": "-thrust [N]"}), "; to change the sign, write 'thrust * -1'"),
-        (lambda: fraexp.read_record(RECORD), "probably those of 'fraexp import "),
-        (lambda: fraexp.read_record("a.csv", ["u", "y"]), "channels: found ['u', 'y']; expected a table"),
-        (lambda: fraexp.read_record(ROOT / "LICENSE", {"u": "a"}), "has no ending that tells its format; give reader"),
-        (lambda: fraexp.run({"machine": "table"}), "study is {'machine': 'table'}; expected its name, its file or a"),
-        (lambda: fraexp.run(fraexp.Study("own", machine="motor")), "Study('own'): there is no machine 'motor'"),
-        (lambda: fraexp.Study(case={"label": "stiff"}), "case is {'label': 'stiff'}; expected a list of tables"),
-        (lambda: fraexp.Study(grid={"loop.noise": iter([1e-9])}), "components; put its values into a list"),
-        (lambda: simulate(amplitude=-1), "simulate, [excitation]: stepped_sine.amplitude is -1"),
-        (lambda: simulate(plant={"rigid_body_gain": 1e12}), "correct the plant's gain, max_stiffness of the law"),
+        (Uncompiled, ["Uncompiled", "'stiffness'", "N/m"]),
+        (lambda: Uncompiled(stiffness=-1), ["Uncompiled.stiffness", -1, "0 N/m"]),
+        (lambda: Uncompiled(stiffnes=1), ["'stiffnes'", "'stiffness'"]),
+        (lambda: fraexp.FrictionLaw(Uncompiled(stiffness=1e6)).force([0, 1j]), ["displacement", "complex"]),
+        (lambda: fraexp.FrictionLaw(Uncompiled), ["class Uncompiled", "Uncompiled(stiffness"]),
+        (lambda: fraexp.friction_law("uncompiled_in_session"), ["class Uncompiled", "Uncompiled(stiffness"]),
+        (lambda: fraexp.Study(friction=Uncompiled), ["class Uncompiled", "Uncompiled(stiffness"]),
+        (lambda: plan(estimator=["conventional", "h1_h2_hv"]), ["[grid]", "estimator = [...]"]),
+        (lambda: simulate(amplitude=[12.0, 30.0]), ["[grid]"]),
+        (lambda: fraexp.read_record(RECORD, {"u": "-thrust [N]"}), ["'thrust * -1'"]),
+        (lambda: fraexp.read_record(RECORD), ["'fraexp import"]),
+        (lambda: fraexp.read_record("a.csv", ["u", "y"]), ["channels", "['u', 'y']"]),
+        (lambda: fraexp.read_record(ROOT / "LICENSE", {"u": "a"}), ["LICENSE", "reader"]),
+        (lambda: fraexp.run({"machine": "table"}), ["study", "{'machine': 'table'}"]),
+        (lambda: fraexp.run(fraexp.Study("own", machine="motor")), ["Study('own')", "'motor'"]),
+        (lambda: fraexp.Study(case={"label": "stiff"}), ["case", "{'label': 'stiff'}"]),
+        (lambda: fraexp.Study(grid={"loop.noise": iter([1e-9])}), ["list"]),
+        (lambda: simulate(amplitude=-1), ["simulate", "[excitation]", "stepped_sine.amplitude", -1]),
+        (lambda: simulate(plant={"rigid_body_gain": 1e12}), ["max_stiffness"]),
     ],
 )
-def test_a_wrong_call_is_one_line(call, expected: str) -> None:
-    with pytest.raises(FraexpError) as raised:
+def test_a_wrong_call_is_one_line(call, names: list[str]) -> None:
+    with refused(FraexpError, *names):
         call()
-    assert expected in str(raised.value)
-    assert "\n" not in str(raised.value)
 
 
 def test_values_of_pandas_and_xarray_make_a_grid() -> None:

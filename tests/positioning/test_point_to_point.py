@@ -119,29 +119,19 @@ def test_a_move_that_is_too_short_for_the_limit_is_refused_with_the_least_number
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("given", "names"),
     [
-        ({"duration": 1e-3}, r"2 samples.*too short: 6 states.*expected 6 samples"),
-        ({"force_limit": 10.0}, "force_limit 10 N is not above the 17.9 N that rest"),
-        (
-            {"duration": 2.0, "force_limit": 17.91, "targets": (0.5,)},
-            "4,000 samples cannot be planned for a force_limit",
-        ),
-        (
-            {"dwell_time": 1000.0, "targets": (1e-3, 2e-3)},
-            "4,000,160 samples; expected 250,000.*shorten 'dwell_time', or take fewer",
-        ),
-        ({"targets": (1e-3, 1e-3)}, "each different from the one before"),
-        (
-            {"duration": 4e-3},
-            r"8 samples \(0.004 s\) needs 4.14e\+07 N and 9e\+06 m/s².*force_limit, the maximum thrust",
-        ),
+        ({"duration": 1e-3}, ["2 samples", "6 states", "6 samples"]),
+        ({"force_limit": 10.0}, ["force_limit 10 N", "17.9 N"]),
+        ({"duration": 2.0, "force_limit": 17.91, "targets": (0.5,)}, ["4,000 samples", "force_limit"]),
+        ({"dwell_time": 1000.0, "targets": (1e-3, 2e-3)}, ["4,000,160 samples", "250,000", "'dwell_time'"]),
+        ({"targets": (1e-3, 1e-3)}, ["targets"]),
+        ({"duration": 4e-3}, ["8 samples", "0.004 s", "4.14e+07 N", "9e+06 m/s²", "force_limit"]),
     ],
 )
-def test_what_cannot_be_planned_is_refused_in_one_line(given, message):
-    with pytest.raises(ParameterError, match=message) as error:
+def test_what_cannot_be_planned_is_refused_in_one_line(given, names):
+    with refused(ParameterError, *names):
         PointToPoint(**{"plant": TABLE, "friction": GUIDE, **given}).check(SAMPLE_TIME_S)
-    assert "\n" not in str(error.value)
 
 
 def test_a_thrust_that_the_user_states_is_believed_and_so_is_an_axis_at_40_g():

@@ -163,40 +163,36 @@ def test_another_component_is_laid_over_nothing(registry, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "sentence"),
+    ("text", "names"),
     [
-        ("estimater = 1", "there is no section or key 'estimater'; did you mean 'estimator'?"),
-        (HEAD.replace("amplitude", "amplitud"), "stepped_sine has no parameter 'amplitud'; did you mean 'amplitude'?"),
-        (HEAD.replace("= 12", "= -1"), "the amplitude A must be above 0 N"),
-        (HEAD.replace("= 12", "= nan"), "amplitude"),
-        (HEAD.replace("= 12", '= "12 mm"'), "amplitude: 'mm' is not a unit of the same kind as 'N'"),
-        (HEAD.replace("= 12", "= true"), "amplitude is true; expected a number"),
-        (HEAD.replace("amplitude = 12", "points = 1e9"), "points is 1000000000; the number of frequencies"),
-        (HEAD.replace("stepped_sine", "steped_sine"), "no excitation is called 'steped_sine'; did you mean"),
-        (HEAD.replace("linear_motor_table", "linear_motor"), "there is no machine 'linear_motor'; did you mean"),
-        (HEAD + "[loop]\ninput_time_constants = [0.0]", "lag"),
-        (HEAD + '[grid]\n"excitation.amplitude" = []', "expected a list"),
-        (HEAD + f'[grid]\n"loop.seed" = {[1] * 2000}\n"excitation.amplitude" = {[1] * 2000}', "4,000,000"),
-        (HEAD + "[[case]]\nestimator = {}", "[[case]] number 1: lacks 'label'"),
-        (HEAD + '[[case]]\nlabel = "a"\n' * 2, "number 2: there is a case 'a' already"),
-        (HEAD + '[case]\nlabel = "a"', "expected tables, each under [[case]]"),
-        (HEAD + '[[case]]\nlabel = "a"\nloop = 1', "case 'a': loop is 1; expected a table such as [loop]"),
-        (HEAD + '[[case]]\nlabel = "a"\nloop.noise = -1', "case 'a', [loop]: loop.noise is -1"),
-        ('figure = "bod"' + HEAD, "figure 'bod' is no kind of figure; did you mean 'bode'?"),
-        (HEAD.replace("amplitude = 12", "amplitude = 12\nmax_frequency = 1e6"), "the Nyquist frequency is 1000 Hz"),
-        (HEAD.replace("amplitude = 12", "amplitude = 12\nmin_frequency = 1e-9"), "samples per period"),
-        ("x = " + "[" * 3000 + "]" * 3000, "TOML"),
-        ("x = " + "9" * 5000, "TOML"),
-        ('title = "no machine"\n[estimator]\nname = "effective_input"', "friction"),
+        ("estimater = 1", ["'estimater'", "'estimator'"]),
+        (HEAD.replace("amplitude", "amplitud"), ["stepped_sine", "'amplitud'", "'amplitude'"]),
+        (HEAD.replace("= 12", "= -1"), ["amplitude", "0 N"]),
+        (HEAD.replace("= 12", "= nan"), ["amplitude"]),
+        (HEAD.replace("= 12", '= "12 mm"'), ["amplitude", "'mm'", "'N'"]),
+        (HEAD.replace("= 12", "= true"), ["amplitude", "true"]),
+        (HEAD.replace("amplitude = 12", "points = 1e9"), ["points", 1000000000]),
+        (HEAD.replace("stepped_sine", "steped_sine"), ["'steped_sine'", "'stepped_sine'"]),
+        (HEAD.replace("linear_motor_table", "linear_motor"), ["'linear_motor'", "'linear_motor_table'"]),
+        (HEAD + "[loop]\ninput_time_constants = [0.0]", ["[loop]", "lag"]),
+        (HEAD + '[grid]\n"excitation.amplitude" = []', ["excitation.amplitude"]),
+        (HEAD + f'[grid]\n"loop.seed" = {[1] * 2000}\n"excitation.amplitude" = {[1] * 2000}', ["4,000,000"]),
+        (HEAD + "[[case]]\nestimator = {}", ["[[case]] number 1", "'label'"]),
+        (HEAD + '[[case]]\nlabel = "a"\n' * 2, ["number 2", "case 'a'"]),
+        (HEAD + '[case]\nlabel = "a"', ["[[case]]"]),
+        (HEAD + '[[case]]\nlabel = "a"\nloop = 1', ["case 'a'", "loop", "[loop]"]),
+        (HEAD + '[[case]]\nlabel = "a"\nloop.noise = -1', ["case 'a'", "[loop]", "loop.noise", -1]),
+        ('figure = "bod"' + HEAD, ["'bod'", "'bode'"]),
+        (HEAD.replace("amplitude = 12", "amplitude = 12\nmax_frequency = 1e6"), ["Nyquist", "1000 Hz"]),
+        (HEAD.replace("amplitude = 12", "amplitude = 12\nmin_frequency = 1e-9"), ["samples"]),
+        ("x = " + "[" * 3000 + "]" * 3000, ["TOML"]),
+        ("x = " + "9" * 5000, ["TOML"]),
+        ('title = "no machine"\n[estimator]\nname = "effective_input"', ["friction"]),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_one_sentence_with_its_place(registry, tmp_path, text, sentence):
-    with pytest.raises(FraexpError) as caught:
+def test_what_is_wrong_is_one_sentence_with_its_place(registry, tmp_path, text, names):
+    with refused(FraexpError, "s.toml", *names):
         study(registry, tmp_path, text)
-    said = str(caught.value)
-    assert sentence in said
-    assert "s.toml" in said
-    assert "\n" not in said
 
 
 COMING_ALONG = sorted(

@@ -44,21 +44,17 @@ def test_the_example_of_the_guide_is_taken(workspace, write):
 
 
 WRONG = [
-    ("theme = 'nordic'", "unknown theme 'nordic'; did you mean 'nord'?"),
-    ("them = 'nord'", "settings has no parameter 'them'; did you mean 'theme'?"),
-    ("phase = 'up'", "phase is 'up'; expected unwrapped or wrapped"),
-    ("theme = ", "cannot be read as TOML"),
+    ("theme = 'nordic'", ["'nordic'", "'nord'"]),
+    ("them = 'nord'", ["'them'", "'theme'"]),
+    ("phase = 'up'", ["phase", "'up'", "unwrapped", "wrapped"]),
+    ("theme = ", ["TOML"]),
 ]
 
 
-@pytest.mark.parametrize(("text", "complaint"), WRONG)
-def test_wrong_settings_are_told_in_one_line(workspace, write, text, complaint):
-    file = write(text)
-    with pytest.raises(FraexpError) as raised:
+@pytest.mark.parametrize(("text", "names"), WRONG)
+def test_wrong_settings_are_told_in_one_line(workspace, write, text, names):
+    with refused(FraexpError, write(text), *names):
         FraexpApp(workspace)
-    assert complaint in str(raised.value)
-    assert str(raised.value).startswith(f"{file}: ")
-    assert "\n" not in str(raised.value)
 
 
 @pytest.mark.parametrize("content", [b"\xff\xfe", b"theme = 'nord'\x00"])
