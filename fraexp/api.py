@@ -2,7 +2,7 @@
 
 from fraexp.analysis.array_cache import cached_arrays
 from fraexp.analysis.band_reach import BandReach
-from fraexp.analysis.confidence import circle_factor, degrees_of_freedom
+from fraexp.analysis.confidence import NORMAL_QUANTILE, circle_factor, degrees_of_freedom
 from fraexp.analysis.delays import hold_response, image_factor, path_response
 from fraexp.analysis.fourier import fourier_sums, phasors, record_spectrum
 from fraexp.analysis.quantisation import grid_step, phasor_variance, rounding_symmetry
@@ -45,6 +45,7 @@ from fraexp.simulation.replay import Replay, Replayed, ReplayModel, replay
 
 __all__ = [
     "HARMONICS",
+    "NORMAL_QUANTILE",
     "BandReach",
     "Chunk",
     "ConnectionLostError",

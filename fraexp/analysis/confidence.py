@@ -10,7 +10,7 @@ from fraexp.data.results import FrequencyResponse
 CONFIDENCE_LEVEL = 0.95
 T_QUANTILE = 0.975
 """Quantile of Student's t that leaves as much beyond it as the confidence level leaves on one side."""
-NORMAL_FACTOR = 1.959964
+NORMAL_QUANTILE = 1.959963984540054
 """The same quantile of the normal distribution."""
 KNOWN_FREEDOM = 1e9
 """Degrees of freedom in place of infinitely many, where a function has no limit for them; their value is not used."""
@@ -52,12 +52,12 @@ def interval_factor(freedom: NDArray[np.float64] | float) -> NDArray[np.float64]
     """
     freedom = np.asarray(freedom, dtype=float)
     if np.isinf(freedom).all():
-        return np.full(freedom.shape, NORMAL_FACTOR)
+        return np.full(freedom.shape, NORMAL_QUANTILE)
     from scipy.special import stdtrit  # slow to import: many screens and commands need none of it
 
     finite = np.where(np.isinf(freedom), KNOWN_FREEDOM, freedom)
     with np.errstate(invalid="ignore"):
-        return np.where(np.isinf(freedom), NORMAL_FACTOR, stdtrit(finite, T_QUANTILE))
+        return np.where(np.isinf(freedom), NORMAL_QUANTILE, stdtrit(finite, T_QUANTILE))
 
 
 def circle_factor(freedom: NDArray[np.float64] | float) -> NDArray[np.float64]:

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from fraexp.analysis.confidence import NORMAL_QUANTILE
 from fraexp.components.parameters import Parameters, param
 from fraexp.data import units
 from fraexp.data.results import Metric, Outcome, Result
@@ -14,8 +15,6 @@ from fraexp.study.paths import value_at
 
 RELATIVE_ROUNDING = 1e-9
 """Relative difference up to which two numbers of a study are the same."""
-NORMAL_QUANTILE = 1.959963984540054
-"""Half width of a 95 % interval in standard deviations."""
 HALF_WIDTH_ENDING = ", 95 %"
 """Ending of a metric's name that marks it as the half width of another metric's 95 % interval."""
 MAX_DIGITS = 4

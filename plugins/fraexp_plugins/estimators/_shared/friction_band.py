@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    NORMAL_QUANTILE,
     BandReach,
     Estimator,
     FrequencyResponse,
@@ -41,8 +42,6 @@ MAX_DEVIATION = 0.5
 """Posterior over prior standard deviation up to which a scale is reported: else it is hardly more than the prior."""
 REACH = 2.0
 """Half width of central differences of 1/P̂, in standard deviations: about as far as the edge of the confidence band."""
-NORMAL_95 = 1.959964
-"""Half width of a 95 % interval in standard deviations."""
 CONTACTS_REMEDY = "raise the amplitude, or estimate plant and friction along the whole record (maximum_likelihood)"
 """What helps where one of several contacts stands."""
 
@@ -78,7 +77,7 @@ class ModelErrors(NamedTuple):
             if size > MAX_DEVIATION:
                 continue
             found.append(Metric(f"{name} by harmonics", value * max(1 + std * mean, MIN_FACTOR), "1"))
-            found.append(Metric(f"{name} by harmonics, 95 %", NORMAL_95 * value * std * size, "1"))
+            found.append(Metric(f"{name} by harmonics, 95 %", NORMAL_QUANTILE * value * std * size, "1"))
         return tuple(found) if posterior.harmonics else ()
 
 

@@ -3,10 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve
-
-NORMAL_QUANTILE = 1.959963984540054
-"""Half width of a 95 % interval of a normal distribution in standard deviations."""
+from fraexp.api import NORMAL_QUANTILE, Curve
 
 
 def virgin_curve(x: NDArray[np.float64], force: NDArray[np.float64], std: NDArray[np.float64]) -> Curve:

@@ -6,15 +6,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
+from fraexp.api import NORMAL_QUANTILE
+from fraexp_plugins.identification._shared.least_squares import HeldSum, inverse_square, solve_non_negative
 from fraexp_plugins.identification.autonomous._law_columns import LawColumns, laws_of_fraexp
 from fraexp_plugins.identification.autonomous._law_search import LawSearch
 from fraexp_plugins.identification.autonomous._line_records import LineRecords
 
 RIDGE_RATIO = 1e-6
 """Weight of a ridge over that of the largest column: it decides between columns that are equal."""
-CONSTRAINT_WEIGHT = 1e4
-"""Weight of the equation that holds the sum, over that of the largest column."""
 EDGE_TOLERANCE = 1e-3
 """Relative tolerance of an end of the interval."""
 MAX_DOUBLINGS = 20
@@ -27,8 +26,8 @@ INTERVAL_STDS = 3.0
 independent."""
 INCOMPLETE_RATIO = 2.0
 """Factor on the change of the Coulomb force where a Stribeck effect beside a law explains more of the records."""
-LUMPS, RIDGE = 6, 1e-10
-"""Number of elements that weaken beside a law, and ridge of normal equations."""
+LUMPS = 6
+"""Number of elements that weaken beside a law."""
 MIN_EXCESS_RATIO = 1e-3
 """Static over Coulomb force, less 1, over that of a Stribeck effect, which is none."""
 NEIGHBOURHOOD = 3
@@ -52,19 +51,18 @@ def sum_interval(
     best x has (S. A. Murphy and A. W. van der Vaart, Journal of the American Statistical Association 95(450), 2000,
     doi 10.1080/01621459.2000.10474219). The profile is convex. `matrix` A has the shape (m, N), `chosen` (N,).
     """
-    from scipy.optimize import brentq, nnls  # slow to import: only when something is estimated
+    from scipy.optimize import brentq  # slow to import: only when something is estimated
 
     count = matrix.shape[1]
     triangle = np.linalg.qr(np.column_stack([matrix, target])).R
     reduced, right = triangle[:, :-1], triangle[:, -1]
-    scale = float(np.linalg.norm(reduced, axis=0).max())
-    ridge, hold = RIDGE_RATIO * scale * np.eye(count), CONSTRAINT_WEIGHT * scale * chosen[None].astype(float)
-    best, _ = nnls(np.concatenate([reduced, ridge]), np.append(right, np.zeros(count)), maxiter=100 * count)
+    ridge = RIDGE_RATIO * float(np.linalg.norm(reduced, axis=0).max()) * np.eye(count)
+    rows, ends = np.concatenate([reduced, ridge]), np.append(right, np.zeros(count))
+    best = solve_non_negative(rows, ends)
     total, least = float(best[chosen].sum()), float(np.sum((reduced @ best - right) ** 2))
 
     def excess(held: float) -> float:
-        end = np.append(np.zeros(count), CONSTRAINT_WEIGHT * scale * held)
-        x, _ = nnls(np.concatenate([reduced, ridge, hold]), np.append(right, end), maxiter=100 * count)
+        x = solve_non_negative(rows, ends, held=HeldSum(chosen, held))
         return float(np.sum((reduced @ x - right) ** 2)) - least - rise
 
     low = 0.0 if excess(0.0) <= 0 else float(brentq(excess, 0.0, total, rtol=EDGE_TOLERANCE))
@@ -103,7 +101,9 @@ def law_uncertainty(law: LawColumns, dead_time: float, records: LineRecords, may
     covariance = np.zeros((law.shape.size + sizes.size,) * 2)
     jacobian = np.concatenate([shapes, problem.matrix[:, possible]], axis=1)
     prior = np.concatenate([np.zeros(shapes.shape[1]), 1 / records.prior(law)[possible]])
-    covariance[np.ix_(places, places)] = _posterior(jacobian / np.sqrt(max(square, 1.0)), prior)
+    covariance[np.ix_(places, places)] = inverse_square(
+        np.concatenate([jacobian / np.sqrt(max(square, 1.0)), np.diag(prior)])
+    )
     columns = [problem.matrix, shapes, -shapes]
     if may_weaken:
         columns.append(_weakening_columns(law, sizes, dead_time, records))
@@ -180,14 +180,6 @@ def _lumped(law: LawColumns, sizes: NDArray[np.float64]) -> tuple[NDArray[np.flo
     force = np.maximum.accumulate(law.virgin_columns(x) @ sizes)
     levels = (np.arange(LUMPS) + 0.5) / LUMPS * force[-1]
     return np.interp(levels, force + 1e-12 * force[-1] * np.arange(x.size), x), np.full(LUMPS, coulomb / LUMPS)
-
-
-def _posterior(matrix: NDArray[np.float64], prior: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inverse of AᵀA + diag(prior²), with a small ridge where it has none."""
-    scale = np.hypot(np.linalg.norm(matrix, axis=0), prior)
-    scale = np.where(scale > 0, scale, 1.0)
-    scaled = np.concatenate([matrix, np.diag(prior)]) / scale
-    return np.asarray(np.linalg.inv(scaled.T @ scaled + RIDGE * np.eye(scale.size)) / np.outer(scale, scale))
 
 
 def profile_interval(search: LawSearch, dead_time: float, stds: float) -> tuple[float, float]:

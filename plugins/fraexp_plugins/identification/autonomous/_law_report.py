@@ -7,10 +7,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve, Finding, Fit, FrictionModel, Metric, Outcome, Quantity, Result, Signals
+from fraexp.api import NORMAL_QUANTILE, Curve, Finding, Fit, FrictionModel, Metric, Outcome, Quantity, Result, Signals
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
 from fraexp_plugins.estimators._shared.realisations import Part, circular_covariance, combine_parts
-from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE, virgin_curve
+from fraexp_plugins.identification._shared.friction_curves import virgin_curve
 from fraexp_plugins.identification._shared.law_numbers import unit_of_field
 from fraexp_plugins.identification.autonomous._identified_plant import IdentifiedPlant, InverseResponse, square_root
 from fraexp_plugins.identification.autonomous._law_choice import LawChoice

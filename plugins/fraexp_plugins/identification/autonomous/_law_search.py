@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp_plugins.identification._shared.least_squares import minimise
 from fraexp_plugins.identification.autonomous._law_columns import LawColumns
 from fraexp_plugins.identification.autonomous._line_records import LawSolution, LineRecords
 
@@ -57,8 +58,6 @@ class LawSearch:
         self, start: NDArray[np.float64], held: float | None = None, trials: int = MAX_TRIALS, is_robust: bool = False
     ) -> NDArray[np.float64]:
         """Return the values that leave least, from a start on; a linear law keeps its shape."""
-        from scipy.optimize import least_squares  # slow to import: only when something is estimated
-
         is_free = np.arange(start.size) >= 1 - self._is_delayed
         is_free[1:] &= not self.law_at_start.is_linear
         if not is_free.any():
@@ -71,9 +70,15 @@ class LawSearch:
 
         low, high = start - MAX_SHIFT, start + MAX_SHIFT
         low[0], high[0] = -1e-9, MAX_DEAD_TIME
-        found = least_squares(
-            lambda free: self.solve(complete(free), held).residual, np.clip(start, low, high)[is_free],
-            bounds=(low[is_free], high[is_free]), x_scale=SHAPE_STEP, diff_step=DIFFERENCE,
-            loss="soft_l1" if is_robust else "linear", max_nfev=trials, ftol=TOLERANCE,
-        )  # fmt: skip
-        return complete(found.x)
+        found, _ = minimise(
+            lambda free: self.solve(complete(free), held).residual,
+            start[is_free],
+            (low[is_free], high[is_free]),
+            trials,
+            x_scale=SHAPE_STEP,
+            diff_step=DIFFERENCE,
+            ftol=TOLERANCE,
+            gtol=TOLERANCE**2,
+            loss="soft_l1" if is_robust else "linear",
+        )
+        return complete(found)

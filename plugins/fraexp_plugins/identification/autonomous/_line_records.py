@@ -12,6 +12,7 @@ from fraexp.api import FrictionModel, Motion, RecordError, Segment, Signals, fou
 from fraexp_plugins.estimators._shared.delayed_estimator import LoopDelays
 from fraexp_plugins.estimators._shared.realisations import mean
 from fraexp_plugins.estimators.effective_input import EffectiveInput
+from fraexp_plugins.identification._shared.least_squares import HeldSum, solve_non_negative
 from fraexp_plugins.identification._shared.usable_records import with_harmonics
 from fraexp_plugins.identification.autonomous._law_columns import LawColumns
 
@@ -34,8 +35,6 @@ FREE_BODY_RANGE, FREE_BODY_TERMS = 3.05, 4
 and terms of the power series of 1/P there."""
 COLUMNS_AT_ONCE = 16
 """Columns whose forces are in memory."""
-HOLD_WEIGHT = 1e4
-"""Weight of the equation that holds a Coulomb force, over that of a column."""
 
 
 class LinearProblem(NamedTuple):
@@ -254,19 +253,11 @@ class LineRecords:
 
         With `held` the Coulomb force is that [N].
         """
-        from scipy.optimize import nnls  # slow to import: only when something is estimated
-
         problem = self.problem(deflection, dead_time)
         prior = np.diag(1 / self.prior(law)) if law.thresholds.size else np.empty((0, problem.matrix.shape[1]))
         matrix, target = np.concatenate([problem.matrix, prior]), np.append(problem.target, np.zeros(len(prior)))
-        scale = np.linalg.norm(matrix, axis=0)
-        scale = np.where(scale > 0, scale, 1.0)
-        matrix = matrix / scale
-        if held is not None:
-            row = np.where(law.is_coulomb, 1 / scale, 0.0)
-            weight = HOLD_WEIGHT / row.max()
-            matrix, target = np.concatenate([matrix, weight * row[None]]), np.append(target, weight * held)
-        sizes = nnls(matrix, target, maxiter=100 * scale.size)[0] / scale
+        held_sum = None if held is None else HeldSum(law.is_coulomb, held)
+        sizes = solve_non_negative(matrix, target, held=held_sum)
         return LawSolution(sizes, problem.target - problem.matrix @ sizes, problem)
 
     def prior(self, law: LawColumns) -> NDArray[np.float64]:

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Finding, FrictionModel, Motion, ParameterError, Quantity, RecordError
+from fraexp.api import NORMAL_QUANTILE, Finding, FrictionModel, Motion, ParameterError, Quantity, RecordError
 from fraexp_plugins.friction._shared.element_model import ElementModel
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification._shared.law_numbers import LawNumbers
+from fraexp_plugins.identification._shared.least_squares import inverse_square, minimise
 from fraexp_plugins.identification.friction._friction_rows import TERM_UNITS, FrictionProblem, FrictionRecord, Rows
 from fraexp_plugins.identification.friction._regression import (
     CompressedRows,
@@ -21,14 +21,11 @@ from fraexp_plugins.identification.friction._regression import (
     Waves,
     long_run_variance,
     misfit_variance,
-    pseudo_inverse,
     regress,
 )
 
 DIFFERENCE_STEP = 1e-5
 """Step over which differences are taken: of coordinates, and of sizes relatively."""
-COST_TOLERANCE, STEP_TOLERANCE = 1e-8, 1e-10
-"""Relative change of the squared error, and of the coordinates, with which a search ends."""
 MAX_ERROR, MAX_UNEXPLAINED_ERROR = 0.1, 0.03
 """Errors over the Coulomb force above which the model is wrong: in any case, and if noise does not explain it."""
 MAX_NOISE_RATIO = 3.0
@@ -348,9 +345,10 @@ class FrictionFit:
         """Covariance of shape and coefficients over the variance of a row, shape (q + p, q + p)."""
         if self.stroke is not None:
             return self.stroke.inverse
-        jacobian = np.concatenate(self.problem.fitted(self.slopes))
-        jacobian[:, -self.sizes.size :][:, self.sizes == 0] = 0.0
-        return _inverse(jacobian)
+        used = np.append(np.ones(self.point.size - self.sizes.size, dtype=bool), self.sizes > 0)
+        found = np.zeros((used.size, used.size))
+        found[np.ix_(used, used)] = inverse_square(np.concatenate(self.problem.fitted(self.slopes))[:, used])
+        return found
 
     @property
     def white_variance(self) -> float:
@@ -383,7 +381,7 @@ class FrictionFit:
         """Yield the changes of shape and coefficients by a force along the stroke, and by the lead of the thrust."""
         jacobian = np.concatenate(self.problem.fitted(self.slopes))
         if self.stroke is not None:
-            plain = np.diag(_inverse(jacobian))
+            plain = np.diag(inverse_square(jacobian))
             yield self.stroke.values * np.clip(1 - plain / np.diag(self.stroke.inverse), 0.0, 1.0)
         if self.problem.lead_doubt and not self.has_model_error:
             yield self.inverse @ (jacobian.T @ self.problem.thrust_doubt)
@@ -418,14 +416,6 @@ class FrictionFit:
         return beside if beside.error < MAX_REMAINING_RATIO * self.error else self
 
 
-def _inverse(jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (JᵀJ)⁻¹ without directions in which columns are linearly dependent."""
-    size = np.linalg.norm(jacobian, axis=0)
-    size[size == 0] = 1.0
-    root = pseudo_inverse(jacobian / size) / size[:, None]
-    return np.asarray(root @ root.T)
-
-
 def _root_mean_square(values: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.add.reduce(values**2) / values.size)) if values.size else np.nan
 
@@ -447,8 +437,6 @@ def fit_law(problem: FrictionProblem, model: FrictionModel, max_iterations: int)
 
 def search_shape(problem: FrictionProblem, model: FrictionModel, max_iterations: int) -> tuple[FrictionFit, bool]:
     """Return where a search from a model ends, and whether it has converged."""
-    from scipy.optimize import least_squares  # slow to import: only when something is estimated
-
     grid = problem.thresholds
     forces = LawForces.of(model, (float(grid[0]), float(grid[-1])) if grid.size else (0.0, np.inf))
     known = [FrictionFit(problem, forces, forces.start)]
@@ -460,12 +448,14 @@ def search_shape(problem: FrictionProblem, model: FrictionModel, max_iterations:
             known[:] = [FrictionFit(problem, forces, np.array(shape))]
         return known[-1]
 
-    found = least_squares(
-        lambda shape: at(shape).fitted_residuals, forces.start, jac=lambda shape: at(shape).projected_slopes,
-        bounds=forces.bounds(), x_scale="jac", ftol=COST_TOLERANCE, xtol=STEP_TOLERANCE, gtol=None,
-        max_nfev=max_iterations,
-    )  # fmt: skip
-    return at(found.x), bool(found.status > 0)
+    found, has_converged = minimise(
+        lambda shape: at(shape).fitted_residuals,
+        forces.start,
+        forces.bounds(),
+        max_iterations,
+        lambda shape: at(shape).projected_slopes,
+    )
+    return at(found), has_converged
 
 
 REMARKED_SPRING, REFUSED_SPRING = 0.1, 0.5

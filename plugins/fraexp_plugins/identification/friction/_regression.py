@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import RecordError
+from fraexp_plugins.identification._shared.least_squares import solve_non_negative
 from fraexp_plugins.identification.friction._friction_rows import FrictionRecord, Rows
 
 MIN_SINGULAR_VALUE = 1e-6
@@ -30,39 +30,15 @@ class CompressedRows:
         self.size = self.triangle.shape[1] - 1
 
     def solve(self, used: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return the coefficients, shape (p,), of least squared error: those not `used` are 0, those not free ≥ 0.
-
-        Coefficients of either sign come first, so the rows below theirs do not depend on them. C. L. Lawson and
-        R. J. Hanson, Solving Least Squares Problems, 1974, ch. 23.
-        """
-        from scipy.optimize import nnls
-
-        places = np.flatnonzero(used)
-        free = int(np.sum(places < self.free))
-        scale = np.sqrt(np.add.reduce(self.triangle[:, places] ** 2, axis=0))
-        scale[scale == 0] = 1.0
-        both = np.column_stack([self.triangle[:, places] / scale, self.triangle[:, -1]])
-        small = np.asarray(np.linalg.qr(both, mode="r"))
-        try:
-            positive, _ = nnls(small[free:, free:-1], small[free:, -1], maxiter=100 * (places.size + 1))
-        except RuntimeError:
-            raise RecordError(
-                "the non-negative least squares did not converge; use fewer thresholds, or a wider range of them"
-            ) from None
-        either = np.linalg.solve(small[:free, :free], small[:free, -1] - small[:free, free:-1] @ positive)
-        found = np.zeros(self.size)
-        found[places] = np.concatenate([either, positive]) / scale
+        """Return the coefficients, shape (p,), of least squared error: those not `used` are 0, those not free ≥ 0."""
+        found, free = np.zeros(self.size), int(np.sum(used[: self.free]))
+        found[used] = solve_non_negative(self.triangle[:, :-1][:, used], self.triangle[:, -1], free)
         return found
 
     def mean_square(self, coefficients: NDArray[np.float64]) -> float:
         """Return the mean squared error [N²] of these coefficients."""
         error = self.triangle[:, :-1] @ coefficients - self.triangle[:, -1]
         return float(np.add.reduce(error**2)) / max(self.count, 1)
-
-
-def pseudo_inverse(columns: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a root of (AᵀA)⁻¹, shape (p, p), without directions in which columns are linearly dependent."""
-    return np.asarray(np.linalg.pinv(np.asarray(np.linalg.qr(columns, mode="r")), rcond=MIN_SINGULAR_VALUE))
 
 
 def long_run_variance(residuals: Sequence[NDArray[np.float64]], parameters: float) -> float:
@@ -224,5 +200,4 @@ def _updated(solution: _Solution, ratio: NDArray[np.float64], octaves: NDArray[n
 def least_squares(columns: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the coefficients of the columns, shape (p,)."""
     scale = np.sqrt(np.add.reduce(columns**2, axis=0) / len(columns))
-    root = pseudo_inverse(columns / scale)
-    return np.asarray(root @ (root.T @ ((columns / scale).T @ force)) / scale)
+    return np.asarray(np.linalg.lstsq(columns / scale, force, MIN_SINGULAR_VALUE)[0] / scale)

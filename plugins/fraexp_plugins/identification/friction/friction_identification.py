@@ -29,7 +29,6 @@ from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.friction.lugre import LuGre
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._shared.law_numbers import rough_model
-from fraexp_plugins.identification._shared.stop_operator import turning_points
 from fraexp_plugins.identification.friction._friction_fit import (
     FrictionFit,
     LawForces,
@@ -52,6 +51,7 @@ from fraexp_plugins.identification.friction._friction_rows import (
     ThrustAndMotion,
     friction_records,
     quantisation_step,
+    turning_points,
 )
 from fraexp_plugins.identification.friction._regression import least_squares
 

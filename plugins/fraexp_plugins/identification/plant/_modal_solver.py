@@ -9,12 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import RecordError
+from fraexp.api import NORMAL_QUANTILE, RecordError
+from fraexp_plugins.identification._shared.least_squares import inverse_square, minimise
 from fraexp_plugins.identification.plant._modal_model import LogResponse, ModalModel, resonators
 
 MAX_LAGS = 10
-COST_TOLERANCE, STEP_TOLERANCE = 1e-8, 1e-10
-"""Relative change of the squared error, and of the parameters, with which a search ends."""
 
 
 def whiteness(residuals: NDArray[np.float64], parts: int) -> float:
@@ -327,9 +326,7 @@ class Solution:
     @cached_property
     def _inverse(self) -> NDArray[np.float64]:
         """A⁻¹, shape (size, size)."""
-        scale = np.linalg.norm(self.jacobian, axis=0)
-        _, singular, right = np.linalg.svd(self.jacobian / scale, full_matrices=False)
-        return np.asarray((right.T / singular**2) @ right / np.outer(scale, scale))
+        return inverse_square(self.jacobian)
 
     @cached_property
     def correlation_factor(self) -> float:
@@ -456,19 +453,15 @@ def descend(
     model: ModalModel, data: LogResponse, p: NDArray[np.float64], evaluations: int = MAX_EVALUATIONS
 ) -> tuple[NDArray[np.float64], bool]:
     """Return where least squares lead from p, and whether they have converged."""
-    from scipy.optimize import least_squares  # slow to import: only when something is estimated
-
-    low, high = model.bounds()
-    found = least_squares(
-        lambda p: data.weighted_parts(data.error(model.log_response(p, data.s))), np.clip(p, low, high),
-        jac=lambda p: data.weighted_parts(model.jacobian(p, data.s)), bounds=(low, high), x_scale="jac",
-        ftol=COST_TOLERANCE, xtol=STEP_TOLERANCE, gtol=None, max_nfev=evaluations,
-    )  # fmt: skip
-    return found.x, bool(found.status > 0)
+    return minimise(
+        lambda p: data.weighted_parts(data.error(model.log_response(p, data.s))),
+        p,
+        model.bounds(),
+        evaluations,
+        lambda p: data.weighted_parts(model.jacobian(p, data.s)),
+    )
 
 
-NORMAL_QUANTILE = 1.959964
-"""Half width of a 95 % interval in standard deviations."""
 MAX_PEAK_DAMPING = np.sqrt(0.5)
 """Damping ratio from which a mode has no resonance peak: such a mode follows the remains of friction."""
 MAX_OUTSIDE_FREQUENCY_ERROR = 0.05

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    NORMAL_QUANTILE,
     Curve,
     Estimator,
     Fit,
@@ -33,7 +34,6 @@ from fraexp_plugins.identification.plant._modal_model import (
 from fraexp_plugins.identification.plant._modal_solver import (
     MAX_PEAK_DAMPING,
     MIN_SPRING_STDS,
-    NORMAL_QUANTILE,
     WHITENESS_PROBABILITY,
     Solution,
     chosen_order,
@@ -442,7 +442,7 @@ def _relative_errors(solution: Solution) -> NDArray[np.float64]:
     """Return |ln(G_m/Ĝ)| over its 95 % limit, shape (n,)."""
     data = solution.data
     scale = solution.excess if data.covariance is None else 1.0
-    limit = -2 * np.log(0.05) if data.parts == 2 else 1.959964**2
+    limit = -2 * np.log(0.05) if data.parts == 2 else NORMAL_QUANTILE**2
     squared = np.sum(data.weighted_parts(solution.error).reshape(data.parts, -1) ** 2, axis=0)
     return np.asarray(np.sqrt(squared / max(scale * limit, 1e-300)))
 

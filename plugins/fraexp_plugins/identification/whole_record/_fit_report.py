@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve, Finding, Fit, FrictionModel, Metric, Result, Signals, frequency_text
+from fraexp.api import NORMAL_QUANTILE, Curve, Finding, Fit, FrictionModel, Metric, Result, Signals, frequency_text
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
 from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_unit, parameter_value
 from fraexp_plugins.estimators._shared.realisations import Part, combine_parts, realisation_groups
-from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification._shared.law_numbers import (
     ScaledParameter,
     scaled_parameters,

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    NORMAL_QUANTILE,
     Curve,
     Finding,
     FraexpError,
@@ -18,7 +19,6 @@ from fraexp.api import (
     Segment,
     Signals,
 )
-from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification.whole_record._joint_fit import likely_noise
 from fraexp_plugins.identification.whole_record._machine_fit import Fitted, joint_fit, predicted_ratios
 from fraexp_plugins.identification.whole_record._machine_problem import MachineProblem

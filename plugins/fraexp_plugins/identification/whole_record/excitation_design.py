@@ -7,6 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from fraexp.api import (
+    NORMAL_QUANTILE,
     Controller,
     ControlLoop,
     Curve,
@@ -28,7 +29,6 @@ from fraexp.api import (
     simulate_loop,
 )
 from fraexp_plugins.excitations.sine_list import SineList
-from fraexp_plugins.identification._shared.friction_curves import NORMAL_QUANTILE
 from fraexp_plugins.identification.whole_record._fit_report import FitReport
 from fraexp_plugins.identification.whole_record._machine_problem import (
     DEAD_TIME,
