@@ -158,8 +158,9 @@ KINDS: Mapping[str, Kind] = {
     ),
     "not verified": Kind(
         "nothing shows that the columns are what they are said to be",
-        "an excitation is stated, and no loop to compare the record with",
-        "state the machine's controller in record.controller, u in N or N m, and y in m or rad",
+        "the record states a part of its loop: the controller, or the excitation of its segments",
+        "state the machine's controller in record.controller, the excitation in record.segments, u in N or N m, and y "
+        "in m or rad",
     ),
     REMARK: Kind("", "what is particular to an estimator or a record", "as the message says"),
 }

@@ -21,8 +21,7 @@ from fraexp.measurement.measured_points import PLAY_COLUMN, MeasuredPoint, store
 from fraexp.measurement.measurement_plan import PlannedPoint
 from fraexp.measurement.motion_guard import LimitExceededError, RunawayError
 from fraexp.measurement.watched_machine import WatchedMachine
-from fraexp.records.column_doubts import fault_finding
-from fraexp.records.loop_equation import FaultKind, LoopController, judge_play
+from fraexp.records.loop_equation import FaultKind, LoopController, fault_finding, judge_play
 from fraexp.simulation.experiments import ExperimentPlan
 from fraexp.simulation.motion_limits import Demand
 

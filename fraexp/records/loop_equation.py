@@ -1,39 +1,39 @@
 """The equation of a loop, u = w - C y, in a record whose excitation w and controller C are known, and what breaks it.
 
-It holds sample by sample whatever the plant and its friction are, so that no prediction of the motion is needed.
+It holds sample by sample whatever the plant and its friction are, so that no prediction of the motion is needed. Each
+thing that may have happened to a column is a hypothesis with at most one unknown, which least squares give. An F test
+tells whether one explains what is left of the equation; if none does, the record contradicts its own loop.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum, auto
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.analysis.fourier import fourier_sums
 from fraexp.analysis.quantisation import grid_step
+from fraexp.data.findings import Finding
 from fraexp.data.signals import Segment
+from fraexp.records.cutting import Cut
 
 TOLERANCE = 0.01
-"""Relative error of each term that counts as exact: gains of converters, and numbers that were rounded."""
+"""Standard deviation of each term, relative to it: gains of converters, and numbers that were rounded."""
 MAX_MISFIT = 3.0
-"""Residual over what tolerance and noise allow, above which the equation does not hold."""
-ALIKE_RATIO, ALIKE_MISFIT, ALIKE_SHARE = 3.0, 0.01, 0.03
-"""Misfit over the least one, misfit, and part of that without an explanation, up to which explanations are as good as
-each other."""
-NAMED_SHARE = 0.2
-"""Part of the misfit that an explanation leaves at most: noise leaves as much of any."""
-EXACT_SHARE, EXACT_MISFIT, MIN_EXACT_LINES = 0.1, 0.02, 3
-"""The same where the equation nearly holds, the misfit that this takes, and the number of lines."""
-MAX_GAIN_ERROR = 0.05
-"""Relative error of a channel's gain that is no other unit."""
-OUTLIER_SHARE = 0.1
-"""Share of the lines that may have any residual: a record may be wrong somewhere and right elsewhere."""
+"""Residual in standard deviations up to which the equation holds: a gain is off at all lines alike, so that more of
+them do not narrow it."""
+SIGNIFICANCE = 1e-3
+"""Chance at which noise alone makes an explanation of what contradicts nothing, or one better than another."""
+NUMERICAL_MISFIT = 1e-3
+"""Misfit that Fourier sums and decimal numbers leave: explanations that leave less are equally good."""
+MAX_ERROR = 0.05
+"""Relative change of a column, at any line, that does no harm: a response may be wrong by 0.5 dB or 3 degrees."""
 MAX_SHIFT = 3
 """Samples by which a channel may be late or early: more is no fault of sampling order."""
-USUAL_GAINS = (1 / 1.4, 1.4)
-"""Gain of the excitation's path that does no harm: a response is that of u and y, whatever was played."""
+MAX_USUAL_GAIN = 1.4
+"""Gain of the excitation's path, either way, that does no harm: a response is that of u and y, whatever was played."""
 
 
 class FaultKind(Enum):
@@ -47,6 +47,8 @@ class FaultKind(Enum):
     OUTPUT_FACTOR = auto()
     INPUT_SHIFT = auto()
     OUTPUT_SHIFT = auto()
+    INPUT_LAG = auto()
+    OUTPUT_LAG = auto()
     EXCITATION_FACTOR = auto()
     SWAPPED = auto()
     BEGUN_LATE = auto()
@@ -56,10 +58,12 @@ class FaultKind(Enum):
     """Nothing of these: another controller."""
 
 
-SHIFTED = {
+SCALES = {FaultKind.OUTPUT_FACTOR: "feedback", FaultKind.INPUT_FACTOR: "input"}
+SHIFTS = {
     FaultKind.BEGUN_LATE: "excitation", FaultKind.OUTPUT_SHIFT: "feedback", FaultKind.INPUT_SHIFT: "input",
 }  # fmt: skip
-"""Terms that are early where something is late."""
+LAGS = {FaultKind.OUTPUT_LAG: "feedback", FaultKind.INPUT_LAG: "input"}
+"""Terms that have a factor, are early where something is late, or are filtered."""
 
 
 class LoopFault(NamedTuple):
@@ -68,8 +72,8 @@ class LoopFault(NamedTuple):
     kind: FaultKind
     factor: float = 1.0
     """Column over what it should be; of a compensation its force [N]."""
-    samples: int = 0
-    """Samples by which it is late."""
+    samples: float = 0.0
+    """Samples by which it is late, or T of the low-pass 1/(1 + T (1 - z⁻¹)) that it has passed."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,7 @@ class LoopTerm:
     """One term of the equation."""
 
     values: NDArray[np.complex128]
-    """At the excited lines of all segments, or sample by sample [N], shape (n,)."""
+    """At the excited lines of each period, or sample by sample [N], shape (n,)."""
     noise: NDArray[np.float64] | float = 0.0
     """Its standard deviation by scatter and rounding [N], shape (n,)."""
 
@@ -100,83 +104,104 @@ class LoopTerms:
 
     @property
     def misfit(self) -> float:
-        """Root mean square of the residual over what is no contradiction, without the lines where it is greatest."""
-        return self._misfit(self.input.values - self.excitation.values + self.feedback.values)
+        """Root mean square of the residual in standard deviations."""
+        return self._size(self._residual)
 
     @property
     def shows_feedback(self) -> bool:
         """Whether a position that is not there, or has the opposite sign, would break the equation."""
-        return self._misfit(self.feedback.values) > MAX_MISFIT
+        return self._size(self.feedback.values) > MAX_MISFIT
 
     def scaled(self, name: str, factor: "float | NDArray[np.complex128]") -> "LoopTerms":
         """Return the terms with one of them multiplied."""
         return replace(self, **{name: getattr(self, name) * factor})
 
-    def advanced(self, name: str, samples: int) -> "LoopTerms":
+    def advanced(self, name: str, samples: float) -> "LoopTerms":
         """Return the terms with one of them earlier."""
         return self.scaled(name, np.exp(1j * np.asarray(self.angle) * samples))
 
-    def factor(self, name: str) -> float:
-        """Return the real factor on a term with which the others agree best; 0 if it has none."""
-        of, to, floor = getattr(self, name).values, self._rest_of(name), self._floor
-        energy = float(np.sum(np.abs(of / floor) ** 2))
-        return float(np.sum(np.real(np.conj(of) * to) / floor**2)) / energy if energy else 0.0
+    def unknown(self, name: str, change: "float | NDArray[np.complex128]" = 1.0) -> float:
+        """Return the real x of a factor 1 + x `change` on a term that leaves least of the equation; 0 if none helps."""
+        of = change * getattr(self, name).values / self._deviation
+        energy = float(np.sum(np.abs(of) ** 2))
+        agreement = float(np.sum(np.real(np.conj(of) * self._residual / self._deviation)))
+        return (agreement if name == "excitation" else -agreement) / energy if energy else 0.0
 
-    def _rest_of(self, name: str) -> NDArray[np.complex128]:
-        """Return what a term would be by the others."""
-        u, w, fed = self.input.values, self.excitation.values, self.feedback.values
-        return {"input": w - fed, "excitation": u + fed, "feedback": w - u}[name]
+    def delay(self, name: str) -> float:
+        """Return the samples, up to about `MAX_SHIFT`, by which a term is late to the others."""
+        whole = range(-MAX_SHIFT, MAX_SHIFT + 1)
+        found = float(min(whole, key=lambda samples: self.advanced(name, samples).misfit))
+        for _ in range(NEWTON_STEPS):
+            found += self.advanced(name, found).unknown(name, 1j * np.asarray(self.angle))
+        return float(np.clip(found, -MAX_SHIFT - 0.5, MAX_SHIFT + 0.5))
 
     @property
-    def _floor(self) -> NDArray[np.float64]:
-        """Residual that is no contradiction [N]."""
+    def _residual(self) -> NDArray[np.complex128]:
+        return self.input.values - self.excitation.values + self.feedback.values
+
+    @property
+    def _deviation(self) -> NDArray[np.float64]:
+        """Standard deviation of the residual [N]."""
         squares = [
             (TOLERANCE * np.abs(of.values)) ** 2 + of.noise**2 for of in (self.input, self.excitation, self.feedback)
         ]
         return np.asarray(np.maximum(np.sqrt(sum(squares)), np.finfo(float).tiny))
 
-    def _misfit(self, residual: NDArray[np.complex128]) -> float:
-        squares = np.sort(np.abs(residual / self._floor) ** 2)
-        return float(np.sqrt(np.mean(squares[: squares.size - int(OUTLIER_SHARE * squares.size)])))
+    def _size(self, residual: NDArray[np.complex128]) -> float:
+        return float(np.sqrt(np.mean(np.abs(residual / self._deviation) ** 2)))
+
+
+NEWTON_STEPS = 4
+"""Steps from whole samples to the best delay: each doubles its digits."""
 
 
 def find_fault(terms: LoopTerms, swapped: LoopTerms | None = None) -> LoopFault | None:
     """Return what breaks the equation; None if it holds, or if what has happened does no harm.
 
-    `swapped` are the terms of the record with u and y exchanged. Where the feedback is weak the equation nearly holds
-    whatever y is: then a fault counts if it makes the equation exact.
+    `swapped` are the terms of the record with u and y exchanged. A hypothesis explains if the equation holds with it,
+    and fits significantly better than without: where the feedback is weak the equation nearly holds whatever y is. Of
+    those that explain equally well, the most usual counts.
     """
-    before, found = terms.misfit, [(of.misfit, fault) for fault, of in _explanations(terms, swapped)]
-    alike = max(ALIKE_RATIO * min(misfit for misfit, _ in found), min(ALIKE_MISFIT, ALIKE_SHARE * before))
-    misfit, fault = next(one for one in found if one[0] <= alike)
-    if before > MAX_MISFIT:
-        return LoopFault(FaultKind.UNKNOWN) if misfit > NAMED_SHARE * before else _harmful(fault)
-    is_exact = before > EXACT_MISFIT and misfit < EXACT_SHARE * before and terms.input.values.size >= MIN_EXACT_LINES
-    return _harmful(fault) if is_exact else None
+    from scipy.special import fdtri  # a fifth of a second, and only records of known loops need it
+
+    before, free = terms.misfit, max(2 * terms.input.values.size - 1, 1)
+    found = [(max(of.misfit, NUMERICAL_MISFIT), fault) for fault, of in _hypotheses(terms, swapped)]
+    best = min(misfit for misfit, _ in found)
+    chance = 1 - SIGNIFICANCE / len(found)
+    explains = (before / best) ** 2 - 1 > fdtri(1, free, chance) / free and best <= MAX_MISFIT
+    if not explains:
+        return LoopFault(FaultKind.UNKNOWN) if before > MAX_MISFIT else None
+    alike = best * np.sqrt(fdtri(free, free, chance))
+    fault = next(fault for misfit, fault in found if misfit <= min(alike, MAX_MISFIT))
+    return None if _is_harmless(fault, terms) else fault
 
 
-def _harmful(fault: LoopFault) -> LoopFault | None:
-    """Return a fault, or None if the response of u and y is right all the same."""
-    if fault.kind is FaultKind.BEGUN_LATE or (fault.kind is FaultKind.EXCITATION_FACTOR and is_usual(fault.factor)):
-        return None
-    has_factor = fault.kind in (FaultKind.INPUT_FACTOR, FaultKind.OUTPUT_FACTOR)
-    return None if has_factor and abs(fault.factor - 1) < MAX_GAIN_ERROR else fault
+def _is_harmless(fault: LoopFault, terms: LoopTerms) -> bool:
+    """Return whether the response of u and y is right all the same."""
+    if fault.kind in SCALES:
+        return abs(fault.factor - 1) < MAX_ERROR
+    if fault.kind in (FaultKind.BEGUN_LATE, FaultKind.EXCITATION_FACTOR):
+        return is_usual(fault.factor)
+    return fault.kind in (*SHIFTS, *LAGS) and abs(fault.samples) * float(np.max(terms.angle)) < MAX_ERROR
 
 
-def _explanations(terms: LoopTerms, swapped: LoopTerms | None) -> Iterator[tuple[LoopFault, LoopTerms]]:
-    """Yield what may have happened, with the terms as they were before it; of equally good ones the first counts."""
-    gain = terms.factor("excitation")
+def _hypotheses(terms: LoopTerms, swapped: LoopTerms | None) -> Iterator[tuple[LoopFault, LoopTerms]]:
+    """Yield what may have happened, with the terms as they were before it; the most usual comes first."""
+    gain, change = 1 + terms.unknown("excitation"), np.asarray(1 - np.exp(-1j * np.asarray(terms.angle)), dtype=complex)
     played = LoopFault(FaultKind.EXCITATION_FACTOR, gain), terms.scaled("excitation", gain)
     if is_usual(gain):
         yield played
     yield LoopFault(FaultKind.ALONE), terms.scaled("feedback", 0.0)
     yield LoopFault(FaultKind.FEEDBACK), terms.scaled("excitation", 0.0)
     if np.any(terms.angle):
-        for samples in (sign * size for size in range(1, MAX_SHIFT + 1) for sign in (1, -1)):
-            for kind, name in SHIFTED.items():
-                yield LoopFault(kind, samples=samples), terms.advanced(name, samples)
-    for kind, name in ((FaultKind.OUTPUT_FACTOR, "feedback"), (FaultKind.INPUT_FACTOR, "input")):
-        if share := terms.factor(name):
+        for kind, name in SHIFTS.items():
+            samples = terms.delay(name)
+            yield LoopFault(kind, samples=samples), terms.advanced(name, samples)
+        for kind, name in LAGS.items():
+            samples = max(terms.unknown(name, change), 0.0)
+            yield LoopFault(kind, samples=samples), terms.scaled(name, np.asarray(1 + change * samples, dtype=complex))
+    for kind, name in SCALES.items():
+        if share := 1 + terms.unknown(name):
             yield LoopFault(kind, 1 / share), terms.scaled(name, share)
     if swapped is not None:
         yield LoopFault(FaultKind.SWAPPED), swapped
@@ -186,23 +211,22 @@ def _explanations(terms: LoopTerms, swapped: LoopTerms | None) -> Iterator[tuple
 
 def is_usual(gain: float) -> bool:
     """Return whether so much of an excitation does no harm if it is played in place of it."""
-    return USUAL_GAINS[0] <= gain <= USUAL_GAINS[1]
+    return 1 / MAX_USUAL_GAIN <= gain <= MAX_USUAL_GAIN
 
 
 CLEAR_SPEED = 0.5
 """Speed relative to the greatest one from which the direction is clear, also if the force is a few samples late."""
 SPEED_SPAN = 1 / 16
 """Part of the shortest period over which a speed is taken: encoders are coarse."""
-MAX_LEFT, MIN_LEFT = 0.1, 0.05
-"""What such a force leaves of a residual at most, and what a force in proportion to the speed leaves at least."""
-MIN_GAIN = 3.0
-"""Factor by which the former leaves less than the latter: another controller's answer is in proportion to motion."""
 
 
-def direction_force(residual: NDArray[np.float64], position: NDArray[np.float64], shortest: float) -> float:
+def direction_force(
+    residual: NDArray[np.float64], position: NDArray[np.float64], shortest: float, deviation: float
+) -> float:
     """Return the force [N] with which a residual [N] follows the direction of motion; 0 if it does not.
 
-    Both are sample by sample, shape (n,), and `shortest` is the shortest period in them [samples].
+    Both are sample by sample, shape (n,), `shortest` is the shortest period in them [samples], and `deviation` the
+    standard deviation of the residual [N]. A force in proportion to the speed is another controller's answer.
     """
     span = max(round(SPEED_SPAN * shortest), 1)
     speed = position[span:] - position[:-span]
@@ -211,38 +235,23 @@ def direction_force(residual: NDArray[np.float64], position: NDArray[np.float64]
     sums = np.cumsum(residual)
     force = (sums[span:] - sums[:-span]) / span
     clear = np.abs(speed) > CLEAR_SPEED * np.abs(speed).max()
-    speed, force = speed[clear], force[clear]
-    terms = np.array([np.sign(speed), speed, np.ones(speed.size)])
-    size = float(np.sqrt(np.mean(force**2)))
-    found, left = _fit(terms, force)
-    _, left_by_speed = _fit(terms[1:], force)
-    follows = left < MAX_LEFT * size and MIN_LEFT * size < left_by_speed and MIN_GAIN * left < left_by_speed
-    return max(float(found[0]), 0.0) if follows else 0.0
-
-
-def _fit(terms: NDArray[np.float64], force: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Return the factors of terms, shape (m, n), that make a force, shape (n,), and the rms that they leave of it."""
-    scale = np.maximum(np.abs(terms).max(axis=1), np.finfo(float).tiny)
-    factors = np.linalg.lstsq((terms / scale[:, None]).T, force, rcond=None)[0] / scale
-    return factors, float(np.sqrt(np.mean((force - factors @ terms) ** 2)))
+    speed, force = speed[clear] / np.abs(speed).max(), force[clear]
+    terms = np.array([np.sign(speed), speed, np.ones(speed.size)]).T
+    factors = np.linalg.lstsq(terms, force, rcond=None)[0]
+    by_speed = terms[:, 1:] @ np.linalg.lstsq(terms[:, 1:], force, rcond=None)[0]
+    left, left_by_speed = (float(np.sqrt(np.mean((force - of) ** 2))) for of in (terms @ factors, by_speed))
+    follows = left < MAX_MISFIT * deviation < left_by_speed
+    return max(float(factors[0]), 0.0) if follows else 0.0
 
 
 MAX_LATE_S = 20.0
 """Greatest time by which the beginning of a record is looked for."""
-STEADY_TOLERANCE = 0.05
-"""Relative difference of an excitation's amplitude from the usual one up to which a period is no part of a ramp."""
-MAX_CHANCE = 0.01
-"""Chance at which phases are those of some delay although they have nothing to do with one: few lines often are."""
 MAX_LATE_LINES = 60
 """Lines by which it is looked for: more of them take time alone."""
-MAX_LATE_MISFIT = 0.03
-"""Root mean square of what a late beginning leaves of the excitation, relative to it."""
 ALIKE_AGREEMENT = 1e-4
 """Difference of the mean cosine of phases up to which delays are as good as each other."""
 HARMLESS_SHARE = 0.01
 """Part of a record by which it may begin late or early: the rest of it is as periodic."""
-
-
 WRONG_NUMBERS = (FaultKind.INPUT_FACTOR, FaultKind.OUTPUT_FACTOR, FaultKind.EXCITATION_FACTOR)
 PLAIN_FACTOR = 2.0
 """Faults for which a motion is beyond a limit, or does not settle, that would not otherwise, and the factor, either
@@ -266,31 +275,75 @@ class LoopController(NamedTuple):
 
         return np.asarray(lfilter(self.numerator, self.denominator, position - position[0]))
 
+    def gain(self, angle: NDArray[Any]) -> NDArray[np.complex128]:
+        """Return C at angular frequencies [rad per sample], shape (n,)."""
+        turn = np.exp(-1j * angle)
+        return np.asarray(np.polynomial.Polynomial(self.numerator)(turn) / self._poles(turn))
 
-class LoopSums(NamedTuple):
-    """Fourier sums of one segment, of all whole periods from rest to its end, each of shape (periods, lines) [N].
+    def _poles(self, turn: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        return np.asarray(np.polynomial.Polynomial(self.denominator)(turn))
 
-    They are of A u and B y over A, with C = B/A, so that what is left of the equation is exact whether or not the
-    motion repeats itself.
-    """
+    def sums(
+        self, samples: NDArray[np.float64], part: NDArray[np.float64], size: int, lines: NDArray[np.int64]
+    ) -> NDArray[np.complex128]:
+        """Return Fourier sums of samples times a polynomial of it over its poles, of all whole periods to their end.
 
-    input: NDArray[np.complex128]
-    feedback: NDArray[np.complex128]
-    recorded: int
-    """Number of periods of the record, the last ones."""
-    input_rounding: float
-    feedback_rounding: NDArray[np.float64]
-    angle: NDArray[np.float64]
-    """Phase of a sample at each line [rad]."""
+        C y is B y over A with C = B/A, and u is A u over A: both are exact whether or not the motion repeats itself.
+        """
+        filtered = self.applied(samples, part)
+        whole = filtered[filtered.size % size :].reshape(-1, size)
+        return fourier_sums(whole, lines) / self._poles(np.exp(-2j * np.pi / size * lines))
 
-    def term(self, name: str) -> LoopTerm:
-        """Return the mean over the record, with its noise."""
-        sums, rounding = (getattr(self, part) for part in (name, f"{name}_rounding"))
-        periods = sums[-self.recorded :]
-        scatter = (
-            periods.std(axis=0, ddof=1) / np.sqrt(self.recorded) if self.recorded > 1 else np.zeros(len(self.angle))
-        )
-        return LoopTerm(periods.mean(axis=0), np.hypot(scatter, rounding))
+
+@dataclass(frozen=True)
+class _SegmentLoop:
+    """A segment of a record with what was to be played in it."""
+
+    segment: Segment
+    played: NDArray[np.complex128]
+    """At its lines [N], shape (lines,)."""
+    controller: LoopController
+
+    @property
+    def angle(self) -> NDArray[np.float64]:
+        """Phase of a sample at each line [rad]."""
+        return np.asarray(2 * np.pi * self.segment.lines / self.segment.samples)
+
+    def sums(self, force: str = "u", position: str = "y") -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return the sums of u and C y [N] of all periods from rest on, each of shape (periods, lines)."""
+        segment, (zeros, poles) = self.segment, self.controller
+        samples = [
+            np.concatenate([segment.lead_in.get(name, np.empty(0)), segment.channels[name].ravel()])
+            for name in (force, position)
+        ]
+        of = segment.samples, segment.lines
+        return self.controller.sums(samples[0], poles, *of), self.controller.sums(samples[1], zeros, *of)
+
+    def terms(self, force: str = "u", position: str = "y") -> LoopTerms:
+        """Return the terms of the recorded periods, one after another, with their scatter and rounding as noise."""
+        count = len(self.segment.channels[force])
+        gains = np.ones(self.angle.size), np.abs(self.controller.gain(self.angle))
+        found = []
+        for sums, name, gain in zip(self.sums(force, position), (force, position), gains, strict=True):
+            periods = sums[-count:]
+            scatter = periods.std(axis=0, ddof=1) if count > 1 else 0.0
+            noise = np.hypot(scatter, grid_step(self.segment.channels[name]) / 2 * gain)
+            found.append(LoopTerm(periods.ravel(), np.tile(noise, count)))
+        return LoopTerms(found[0], LoopTerm(np.tile(self.played, count)), found[1], np.tile(self.angle, count))
+
+    def direction_force(self) -> float:
+        """Return the force [N] with which what is left of the equation follows the direction of motion, or 0.
+
+        It is looked for in the mean period, as the excitation before that is not known, and without its mean.
+        """
+        segment, size = self.segment, self.segment.samples
+        force, moved = (np.fft.rfft(segment.channels[name].mean(axis=0)) for name in ("u", "y"))
+        angle = 2 * np.pi / size * np.arange(1, force.size)
+        residual = np.append(0.0, force[1:] + self.controller.gain(angle) * moved[1:])
+        residual[segment.lines] -= self.played * size / 2
+        deviation = TOLERANCE * float(np.sqrt(np.sum(np.abs(self.played) ** 2)))
+        shortest = size / segment.lines.max()
+        return direction_force(np.fft.irfft(residual, size), np.fft.irfft(moved, size), shortest, deviation)
 
 
 class PlayVerdict(NamedTuple):
@@ -301,32 +354,29 @@ class PlayVerdict(NamedTuple):
     """Whether the position is known to be the one that the controller sees."""
 
 
-def judge_columns(
-    segments: Sequence[Segment], excitations: Sequence[Sequence[Sequence[float]]], controller: LoopController
-) -> PlayVerdict:
+def judge_columns(segments: Sequence[Segment], cuts: Sequence[Cut], controller: LoopController) -> PlayVerdict:
     """Return whether 'u' is the excitation minus what the controller makes of 'y', and what it is otherwise.
 
-    `excitations` has amplitude [N] and phase [deg] of what was to be played at each line, from the first sample of each
-    segment on; segments without any are left out.
+    Segments without a known excitation are left out.
     """
-    pairs = [(segment, _phasors(of)) for segment, of in zip(segments, excitations, strict=True) if of]
-    pairs = [(segment, played) for segment, played in pairs if {"u", "y"} <= segment.channels.keys()]
-    if not pairs:
+    loops = [
+        _SegmentLoop(segment, _phasors(cut.excitation), controller)
+        for segment, cut in zip(segments, cuts, strict=True)
+        if cut.excitation and {"u", "y"} <= segment.channels.keys()
+    ]
+    if not loops:
         return PlayVerdict(None, False)
-    sums = [_loop_sums(segment, controller, "u", "y") for segment, _ in pairs]
-    played = [phasors for _, phasors in pairs]
-    terms = _terms(sums, played)
+    terms = _joined([loop.terms() for loop in loops])
     if find_fault(terms) is None:
         return PlayVerdict(None, terms.shows_feedback)
-    followed = [_direction_force(*pair, controller) for pair in pairs]
+    followed = [loop.direction_force() for loop in loops]
     if 2 * np.count_nonzero(followed) > len(followed):
         return PlayVerdict(LoopFault(FaultKind.COMPENSATION, float(np.median(followed))), False)
-    swapped = _terms([_loop_sums(segment, controller, "y", "u") for segment, _ in pairs], played)
-    fault = find_fault(terms, swapped)
+    fault = find_fault(terms, _joined([loop.terms("y", "u") for loop in loops]))
     if fault is not None and fault.kind in (FaultKind.UNKNOWN, FaultKind.EXCITATION_FACTOR):
-        shortest = min(of[0].samples * len(of[0].channels["u"]) for of in pairs)
-        late = _find_beginning(sums, played, round(MAX_LATE_S / pairs[0][0].sample_time))
+        late = _find_beginning(loops)
         if late is not None and abs(late.samples) > MAX_SHIFT:
+            shortest = min(loop.segment.channels["u"].size for loop in loops)
             is_harmless = abs(late.samples) <= HARMLESS_SHARE * shortest and is_usual(late.factor)
             fault = None if is_harmless else late
     return PlayVerdict(fault, False)
@@ -351,7 +401,9 @@ def judge_play(
     fault = find_fault(terms, swapped)
     if fault is None:
         return None
-    if followed := direction_force(force - excitation + controller.answer(position), position, shortest):
+    deviation = TOLERANCE * float(np.std(excitation))
+    residual = force - excitation + controller.answer(position)
+    if followed := direction_force(residual, position, shortest, deviation):
         return LoopFault(FaultKind.COMPENSATION, followed)
     if fault.kind in WRONG_NUMBERS and 1 / PLAIN_FACTOR <= fault.factor <= PLAIN_FACTOR:
         return None
@@ -363,65 +415,35 @@ def _play_term(samples: NDArray[np.float64]) -> LoopTerm:
     return LoopTerm(change.astype(complex), TOLERANCE * float(np.sqrt(np.mean(change**2))))
 
 
-def _direction_force(segment: Segment, played: NDArray[np.complex128], controller: LoopController) -> float:
-    """Return the force [N] with which what is left of the equation follows the direction of motion; 0 if it does not.
-
-    It is looked for in the mean period, as the excitation before that is not known, and without its mean.
-    """
-    size = segment.samples
-    force, moved = (np.fft.rfft(segment.channels[name].mean(axis=0)) for name in ("u", "y"))
-    turn = np.exp(-2j * np.pi / size * np.arange(1, force.size))
-    gain = np.polynomial.Polynomial(controller.numerator)(turn) / np.polynomial.Polynomial(controller.denominator)(turn)
-    residual = np.concatenate([[0.0], force[1:] + gain * moved[1:]])
-    residual[segment.lines] -= played * size / 2
-    return direction_force(np.fft.irfft(residual, size), np.fft.irfft(moved, size), size / segment.lines.max())
-
-
 def _phasors(excitation: Sequence[Sequence[float]]) -> NDArray[np.complex128]:
     amplitude, phase = np.array(excitation, dtype=float).T
     return np.asarray(amplitude * np.exp(1j * np.deg2rad(phase)))
 
 
-def _loop_sums(segment: Segment, controller: LoopController, force: str, position: str) -> LoopSums:
-    lines, size = segment.lines, segment.samples
-    angle = 2 * np.pi * lines / size
-    powers = np.exp(-1j * np.outer(angle, np.arange(max(map(len, controller)))))
-    numerator, denominator = (powers[:, : len(part)] @ part for part in controller)
-    found = []
-    for name, part in ((force, controller.denominator), (position, controller.numerator)):
-        samples = np.concatenate([segment.lead_in.get(name, np.empty(0)), segment.channels[name].ravel()])
-        filtered = controller.applied(samples, part)
-        whole = filtered[filtered.size % size :].reshape(-1, size)
-        found.append(fourier_sums(whole, lines) / denominator)
-    steps = [grid_step(segment.channels[name]) / 2 for name in (force, position)]
-    recorded, gain = len(segment.channels[force]), np.abs(numerator / denominator)
-    return LoopSums(found[0], found[1], recorded, steps[0], steps[1] * gain, angle)
-
-
-def _terms(sums: Sequence[LoopSums], played: Sequence[NDArray[np.complex128]]) -> LoopTerms:
+def _joined(terms: Sequence[LoopTerms]) -> LoopTerms:
     """Return the terms of all segments, one after another."""
-    terms = [[of.term(name) for of in sums] for name in ("input", "feedback")]
-    joined = [
-        LoopTerm(np.concatenate([one.values for one in of]), np.concatenate([np.asarray(one.noise) for one in of]))
-        for of in terms
-    ]
-    return LoopTerms(joined[0], LoopTerm(np.concatenate(played)), joined[1], np.concatenate([of.angle for of in sums]))
+    u, w, fed = (
+        LoopTerm(
+            np.concatenate([getattr(one, name).values for one in terms]),
+            np.concatenate([np.broadcast_to(getattr(one, name).noise, one.input.values.size) for one in terms]),
+        )
+        for name in ("input", "excitation", "feedback")
+    )
+    return LoopTerms(u, w, fed, np.concatenate([np.asarray(one.angle) for one in terms]))
 
 
-def _find_beginning(
-    sums: Sequence[LoopSums], played: Sequence[NDArray[np.complex128]], longest: int
-) -> LoopFault | None:
-    """Return how late a record begins by the excitation u + C y that it shows; None if no delay explains that."""
-    ratios = [(of.input + of.feedback) / excitation for of, excitation in zip(sums, played, strict=True)]
-    usual = float(np.median(np.concatenate([np.abs(of).ravel() for of in ratios])))
-    found = []
-    for of, ratio in zip(sums, ratios, strict=True):
-        steady = ratio[np.all(np.abs(np.abs(ratio) - usual) < STEADY_TOLERANCE * usual, axis=1)]
-        if len(steady):
-            found.append((of.angle, steady.mean(axis=0) / usual))
-    if not found or 2 * len(found) < len(sums):
+def _find_beginning(loops: Sequence[_SegmentLoop]) -> LoopFault | None:
+    """Return how late a record begins by the excitation u + C y that it shows; None if no delay explains that.
+
+    Of each line the median of all periods from rest on counts: single ones belong to a ramp, or to another segment.
+    """
+    ratios = [sum(loop.sums()) / loop.played for loop in loops]
+    steady = np.concatenate([np.median(of.real, axis=0) + 1j * np.median(of.imag, axis=0) for of in ratios])
+    usual = float(np.median(np.abs(steady)))
+    if not usual:
         return None
-    angle, turn = (np.concatenate(part) for part in zip(*found, strict=True))
+    angle, turn = np.concatenate([loop.angle for loop in loops]), steady / usual
+    longest = round(MAX_LATE_S / loops[0].segment.sample_time)
     delays = np.arange(-longest, longest + 1)
     agreement, some = np.zeros(delays.size), slice(None, None, angle.size // MAX_LATE_LINES + 1)
     for of, phasor in zip(angle[some], turn[some], strict=True):
@@ -429,5 +451,116 @@ def _find_beginning(
     alike = delays[agreement >= agreement.max() - ALIKE_AGREEMENT * turn[some].size]
     best = int(alike[np.argmin(np.abs(alike))])  # frequencies may have a common period
     misfit = float(np.sqrt(np.mean(np.abs(turn - np.exp(1j * angle * best)) ** 2)))
-    is_chance = delays.size * misfit**angle.size > MAX_CHANCE
-    return None if is_chance or misfit > MAX_LATE_MISFIT else LoopFault(FaultKind.BEGUN_LATE, usual, best)
+    is_chance = delays.size * misfit**angle.size > SIGNIFICANCE  # phases that have nothing to do with a delay
+    return None if is_chance or misfit > MAX_MISFIT * TOLERANCE else LoopFault(FaultKind.BEGUN_LATE, usual, best)
+
+
+WRONG = "wrong column"
+"""Kind of all findings of this module."""
+EXACT_RATIO = 1.05
+"""Ratio to a unit, either way, up to which it is named: what the controller answers shows it exactly."""
+LIKELY_GAINS = (0.5, 2.0)
+"""Factors on the position that are more likely another gain of the controller."""
+
+
+def fault_finding(fault: LoopFault, units: Mapping[str, str]) -> Finding:
+    """Return what was found in the columns of a record, and the remedy."""
+    if fault.kind in FACTORED:
+        name, right = FACTORED[fault.kind]
+        unit = _unit(fault, units)
+        as_unit = f", as if its column were in {unit}" if unit else ""
+        is_times = "has the opposite sign of" if _is_opposite(fault) else f"is {fault.factor:,.4g} times"
+        text = f"'{name}' {is_times} {right}{as_unit}"
+    elif fault.kind in DELAYED:
+        size, time = f"{round(abs(fault.samples), 1):,g}", "late" if fault.samples > 0 else "early"
+        text = f"{DELAYED[fault.kind]} {size} sample{'' if size == '1' else 's'} {time}"
+    else:
+        text = TEXTS[fault.kind][0].format(factor=fault.factor, samples=fault.samples, unit=units["u"])
+    return Finding(WRONG, text=text, remedy=_remedy(fault, units))
+
+
+def _remedy(fault: LoopFault, units: Mapping[str, str]) -> str:
+    if fault.kind in FACTORED:
+        name, _ = FACTORED[fault.kind]
+        unit = _unit(fault, units)
+        column = f"{name} [{unit}]" if unit else f"{name} * {1 / fault.factor:.4g} [{units[name]}]"
+        stated = f'state record.channels.{name} = "{column}"'
+        if name == "y" and not _is_opposite(fault):  # a controller of another gain answers as much
+            gain = f"correct record.controller if its gain is {1 / fault.factor:.4g} times as great"
+            is_likely = LIKELY_GAINS[0] <= fault.factor <= LIKELY_GAINS[1]
+            return f"{gain}; if 'y' is wrong, {stated}" if is_likely else f"{stated}, or {gain}"
+        return stated
+    if fault.kind is FaultKind.BEGUN_LATE:
+        change = "lower" if fault.samples > 0 else "raise"
+        return f"begin it with the excitation, or {change} start and rest of record.segments by {abs(fault.samples):g}"
+    if fault.kind in DELAYED:
+        delay = ", or state a delay of the controller in record.controller"
+        is_slow = fault.kind is FaultKind.OUTPUT_SHIFT and fault.samples < 0
+        return f"record 'y' as the controller reads it, and 'u' of the same cycle{delay if is_slow else ''}"
+    return TEXTS[fault.kind][1]
+
+
+def _is_opposite(fault: LoopFault) -> bool:
+    return fault.factor < 0 and abs(np.log(-fault.factor)) < np.log(EXACT_RATIO)
+
+
+def _unit(fault: LoopFault, units: Mapping[str, str]) -> str:
+    """Return the unit that explains a factor; empty if none does."""
+    known = FACTORS[units[FACTORED[fault.kind][0]]].items()
+    near = (of for factor, of in known if fault.factor > 0 and abs(np.log(fault.factor / factor)) < np.log(EXACT_RATIO))
+    return next(near, "")
+
+
+FACTORED = {
+    FaultKind.INPUT_FACTOR: ("u", "the excitation minus what the controller makes of 'y'"),
+    FaultKind.OUTPUT_FACTOR: ("y", "the position that the controller answers in 'u'"),
+}
+"""Channels that may be in another unit, and what they are to be."""
+DELAYED = {
+    FaultKind.INPUT_SHIFT: "'u' is recorded",
+    FaultKind.OUTPUT_SHIFT: "beside the controller's answer in 'u', 'y' is recorded",
+    FaultKind.BEGUN_LATE: "the record begins",
+}
+"""What may be late."""
+TEXTS = {
+    FaultKind.ALONE: (
+        "'u' is the excitation alone, without what the controller makes of 'y'",
+        "record the controller's whole output; if the machine has no feedback, state that with record.controller = "
+        '{name = "transfer_function", numerator = [0], denominator = [1]}',
+    ),
+    FaultKind.FEEDBACK: (
+        "'u' is what the controller makes of 'y', without the excitation",
+        "record the sum of both",
+    ),
+    FaultKind.EXCITATION_FACTOR: (
+        "'u' has {factor:,.4g} times the excitation that was written",
+        "correct gain and sign of the output that plays it; if it is meant, state what is played in record.segments",
+    ),
+    FaultKind.SWAPPED: (
+        "'u' and 'y' are swapped, as 'y' is the excitation minus what the controller makes of 'u'",
+        "exchange their columns in record.channels",
+    ),
+    FaultKind.COMPENSATION: (
+        "'u' has {factor:.3g} {unit} in the direction of motion beside the excitation minus what the controller makes "
+        "of 'y', as by a friction compensation of the machine",
+        "switch it off while the machine is measured",
+    ),
+    FaultKind.INPUT_LAG: (
+        "'u' lags as if filtered with a time constant of {samples:.3g} samples",
+        "record 'u' unfiltered",
+    ),
+    FaultKind.OUTPUT_LAG: (
+        "'y' lags behind the position that the controller answers in 'u', as if filtered with a time constant of "
+        "{samples:.3g} samples",
+        "record 'y' as the controller reads it, or state the filter in record.controller",
+    ),
+    FaultKind.UNKNOWN: (
+        "'u' is not the excitation minus what the controller makes of 'y', and no factor, delay or filter explains it",
+        "state the machine's own numbers in record.controller; if they are right, correct column, sign and unit of 'u' "
+        "and 'y' in record.channels, sample_rate, or the start of record.segments",
+    ),
+}
+"""What else was found, and the remedy."""
+FACTORS = {"N": {1e-3: "kN", 1e3: "mN"}, "m": {1e3: "mm", 1e6: "um", 100.0: "cm", 1e9: "nm"}}
+FACTORS |= {"N m": {1e-3: "kN m", 1e3: "mN m"}, "rad": {1e3: "mrad", 180 / np.pi: "deg"}}
+"""Units by the ratio that they make of one that was meant to be SI."""

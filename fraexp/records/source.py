@@ -20,7 +20,6 @@ from fraexp.data.signals import Segment, Signals
 from fraexp.data.sweep import Plain
 from fraexp.errors import RecordError, did_you_mean
 from fraexp.records.channels import PlainTable, auxiliary_values, channel_columns, channel_values, resolve_channel
-from fraexp.records.column_doubts import column_doubts, implausible_units
 from fraexp.records.cutting import (
     Cut,
     find_steps,
@@ -33,6 +32,7 @@ from fraexp.records.cutting import (
     step_cuts,
     whole_cut,
 )
+from fraexp.records.record_doubts import column_doubts, find_wrong_samples, implausible_units
 from fraexp.records.record_files import existing_file, find_reader, joined_reader, read_columns
 from fraexp.records.record_settings import RecordSettings, check_keys
 from fraexp.records.repeats import (
@@ -47,7 +47,6 @@ from fraexp.records.repeats import (
 from fraexp.records.resampling import plan_sampling, sampled_table, sampling_columns, sampling_text
 from fraexp.records.stated_response import is_response, load_response, resolve_response, response_columns
 from fraexp.records.timebase import MAX_JITTER
-from fraexp.records.wrong_samples import find_wrong_samples
 
 POSITION_UNITS = ("m", "rad")
 """Units of positions, as records have them."""

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from fraexp import records
 from fraexp.components.registry import Registry
@@ -37,6 +38,7 @@ CORRUPTIONS: dict[str, tuple[Callable[[Array, Array, Array], tuple[Array, Array]
     "y late": (lambda w, u, y: (u, late(y, 1)), "'y' is recorded 1 sample late; record 'y' as the controller reads"),
     "y early": (lambda w, u, y: (u, late(y, -1)), "'y' is recorded 1 sample early; .* a delay of the controller"),
     "u late": (lambda w, u, y: (late(u, 1), y), "^'u' is recorded 1 sample late"),
+    "u filtered": (lambda w, u, y: (lfilter([0.25], [1, -0.75], u), y), "^'u' lags .* time constant of 3 samples"),
     "compensation": (
         lambda w, u, y: (u + 0.3 * np.abs(w).max() * np.sign(np.gradient(y)), y),
         "^'u' has .* in the dir",

@@ -105,19 +105,20 @@ def test_an_excitation_that_came_weaker_does_no_harm_and_another_one_is_named(pl
 def test_another_controller_is_said_to_be_another_one(played: Played) -> None:
     controller = {**played.section["controller"], "derivative_time": 0.02}
     found = played.message(played.u, played.y, controller=controller)
-    assert found.startswith("'u' is not the excitation minus what the controller makes of 'y', and no factor or delay")
+    assert found.startswith("'u' is not the excitation minus what the controller makes of 'y', and no factor, delay")
     assert "state the machine's own numbers in record.controller" in found
     assert not played.message(
         played.u, played.y, controller={"name": "pid", **controller, "derivative_time": 0.0566204}
     )
 
 
-def test_a_record_is_not_trusted_because_its_controller_is_deleted(played: Played) -> None:
-    wrong = -played.u, played.y
-    assert "opposite sign" in played.message(*wrong)
-    found = played.signals(*wrong, controller=None)
-    assert found.outcome is Outcome.INACCURATE
-    assert [of.kind for of in found.findings] == ["not verified"]
+def test_a_record_is_not_trusted_because_what_it_is_compared_with_is_deleted(played: Played) -> None:
+    assert "opposite sign" in played.message(-played.u, played.y)
+    silent = [{key: value for key, value in one.items() if key != "excitation"} for one in played.section["segments"]]
+    for change in ({"controller": None}, {"segments": silent}):
+        found = played.signals(-played.u, played.y, **change)
+        assert found.outcome is Outcome.INACCURATE
+        assert [of.kind for of in found.findings] == ["not verified"]
 
 
 def table_of(sections: dict[str, Any], registry: Registry) -> ExcitationTable:

@@ -5,7 +5,7 @@ import pytest
 
 from fraexp.data.findings import Finding
 from fraexp.data.signals import Segment
-from fraexp.records.column_doubts import implausible_units
+from fraexp.records.record_doubts import implausible_units
 
 LINES = np.array([3, 7])
 

@@ -11,7 +11,7 @@ from fraexp.analysis.steady_motion import find_steady_motion
 from fraexp.data.findings import Finding
 from fraexp.data.results import Outcome
 from fraexp.data.signals import Segment, Signals
-from fraexp.records.wrong_samples import find_wrong_samples
+from fraexp.records.record_doubts import find_wrong_samples
 
 PERIODS, SAMPLES = 6, 1000
 LINES = np.arange(1, 40, 3)

@@ -1,22 +1,174 @@
-"""Samples of a record that no machine can have moved through: spikes, clipped or lost ones, and angles that wrap.
+"""Doubts about a loaded record: wrong columns, and samples that no machine can have moved through.
 
-Forces accelerate a mass: from sample to sample its motion changes by no more than it usually does. A sample that leaps
-and comes back, a motion that stops within a sample, and a jump against the direction of motion are those of a sensor.
+A record that was played is compared with its own loop, or with what was predicted. Forces accelerate a mass: from
+sample to sample its motion changes by no more than it usually does. A sample that leaps and comes back, a motion that
+stops within a sample, and a jump against the direction of motion are those of a sensor.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from fraexp.analysis.fourier import phasors
+from fraexp.analysis.fourier import line_amplitude, phasors
 from fraexp.analysis.quantisation import smallest_step
 from fraexp.data.findings import Finding, Quantity
 from fraexp.data.signals import Segment
+from fraexp.records.cutting import Cut
+from fraexp.records.loop_equation import FACTORS, WRONG, FaultKind, LoopController, fault_finding, judge_columns
 from fraexp.records.record_settings import INJECTED_CHANNELS
+
+TRUSTED = {"N": (1 / 1.4, 1.4), "m": (1 / 300, 10.0)}
+TRUSTED |= {"N m": TRUSTED["N"], "rad": TRUSTED["m"]}
+"""Amplitude over the predicted one, in the median of all segments, within which a channel of a unit is not in doubt.
+
+Most of the control input is the excitation. How far a machine moves depends on what the measurement is to show: by
+friction it may move much less. Simulated with half and twice the gain, and with friction from none to what nearly
+holds the axis, control inputs had ratios of 0.9 to 1.15, and positions of 0.005 to 4.
+"""
+UNIT_RATIO = {"N": 1.4, "m": 3.0, "N m": 1.4, "rad": 1.7}
+"""Ratio to such a factor, either way, up to which the unit is named."""
+SATURATED_SHARE, SATURATION_TOLERANCE = 0.01, 1e-6
+"""Share of the samples at either limit from which a drive is at it, and relative distance that counts as there."""
+LOOP_UNITS = (("N", "m"), ("N m", "rad"))
+"""Units of control input and position in which controllers count."""
+
+
+def column_doubts(
+    segments: Sequence[Segment],
+    cuts: Sequence[Cut],
+    units: Mapping[str, str],
+    controller: Sequence[Sequence[float]] | None,
+) -> tuple[Finding, ...]:
+    """Return what is wrong with the columns of a record that was played, or unverified; empty if nothing is.
+
+    Where the controller is known, what it answers to the position is looked for in the control input. That says more
+    than amplitudes that were predicted, which count where it says nothing. A record that states a part of its loop, and
+    not all of it, is not verified: amplitudes cannot take the place of the comparison.
+    """
+    predicted, are_played = [cut.expected for cut in cuts], [bool(cut.excitation) for cut in cuts]
+    if controller is None or not all(are_played) or (units.get("u"), units.get("y")) not in LOOP_UNITS:
+        is_stated = controller is not None or any(are_played)
+        unverified = (Finding("not verified", place="'u' and 'y'"),) if is_stated else ()
+        return prediction_doubts(segments, predicted, units) + unverified
+    known = LoopController(*(np.array(part) for part in controller))
+    verdict = judge_columns(segments, cuts, known)
+    own = (fault_finding(verdict.fault, units),) if verdict.fault else ()
+    if verdict.fault is not None and verdict.fault.kind is not FaultKind.UNKNOWN:
+        return own
+    if verdict.fault is not None and (limit := _saturation([segment.channels["u"] for segment in segments])):
+        text = (
+            "'u' stays at either limit for a part of the time, and is not the excitation minus what the controller "
+            "makes of 'y': the drive is at its limit"
+        )
+        limits = (Quantity(limit, units["u"], "limits ±"),)
+        return (Finding(WRONG, limits, text=text, remedy="lower excitation.amplitude"),)
+    return (() if verdict.is_shown else prediction_doubts(segments, predicted, units)) or own
+
+
+def _saturation(inputs: Sequence[NDArray[np.float64]]) -> float:
+    """Return the control input beyond which none goes, either way, and at which many samples stay; 0 if none does."""
+    samples = np.concatenate([each.ravel() for each in inputs])
+    limit = float(np.abs(samples).max())
+    shares = [np.mean(np.isclose(samples, sign * limit, rtol=SATURATION_TOLERANCE, atol=0.0)) for sign in (1, -1)]
+    return limit if min(shares) > SATURATED_SHARE else 0.0
+
+
+def prediction_doubts(
+    segments: Sequence[Segment], expected: Sequence[Mapping[str, float]], units: Mapping[str, str]
+) -> tuple[Finding, ...]:
+    """Return what contradicts the prediction with which the excitation was written; empty if nothing does.
+
+    `expected` has the amplitude of channels at the excited lines of each segment; none where nothing was predicted.
+    """
+    predicted = {name for of in expected for name in of if units.get(name) in TRUSTED}
+    ratios = {name: _median_ratio(segments, expected, name, name) for name in sorted(predicted)}
+    doubts = [name for name, ratio in ratios.items() if ratio and not _is_trusted(ratio, units[name])]
+    if doubts and len(predicted) == 2:
+        first, second = sorted(predicted)
+        crossed = [_median_ratio(segments, expected, *pair) for pair in ((first, second), (second, first))]
+        if all(_is_trusted(ratio, units[name]) for ratio, name in zip(crossed, (second, first), strict=True)):
+            text = (
+                f"'{first}' and '{second}' have the amplitudes that were predicted of each other when the excitation "
+                "was written, as if their columns were swapped"
+            )
+            return (Finding(WRONG, text=text, remedy="exchange them in record.channels"),)
+    return tuple(_unlike_prediction(name, ratios[name], units[name]) for name in doubts)
+
+
+def _unlike_prediction(name: str, ratio: float, unit: str) -> Finding:
+    near = [other for factor, other in FACTORS[unit].items() if abs(np.log(ratio / factor)) < np.log(UNIT_RATIO[unit])]
+    guess = f"in {near[0]}" if near else "in another unit, such as counts or percent, or another gain was played"
+    column = f'"{name} [{near[0]}]"' if near else f'"{name} * {1 / ratio:.3g} [{unit}]"'
+    text = f"'{name}' has not the amplitude that was predicted with the excitation, as if its column were {guess}"
+    remedy = f"if so, state it, such as record.channels.{name} = {column}"
+    return Finding(WRONG, (Quantity(ratio, "1", "amplitude over the predicted one"),), text=text, remedy=remedy)
+
+
+def _median_ratio(
+    segments: Sequence[Segment], expected: Sequence[Mapping[str, float]], channel: str, predicted: str
+) -> float:
+    """Return the amplitude of a channel over that which was predicted of one, in the median of the segments; or 0."""
+    both = [(segment, of[predicted]) for segment, of in zip(segments, expected, strict=True) if of.get(predicted)]
+    return float(np.median([line_amplitude(segment, channel) / amplitude for segment, amplitude in both] or [0.0]))
+
+
+def _is_trusted(ratio: float, unit: str) -> bool:
+    low, high = TRUSTED[unit]
+    return low <= ratio <= high
+
+
+class Plausible(NamedTuple):
+    """Bounds of a quantity beyond which its unit is questioned."""
+
+    least: float
+    most: float
+
+
+SPANS = {
+    "m": Plausible(1e-12, 20.0),
+    "m/s": Plausible(0.0, 100.0),
+    "m/s**2": Plausible(0.0, 1e5),
+    "N": Plausible(0.0, 1e7),
+    "N m": Plausible(0.0, 1e7),
+}
+"""Peak to peak values of channels by unit."""
+INERTIAS = {
+    ("N", "m"): ("mass", "kg", Plausible(1e-9, 2e4)),
+    ("N m", "rad"): ("inertia", "kg m²", Plausible(1e-12, 1e5)),
+}
+"""Apparent inertia |U/(ω² Y)| by the units of input and output."""
+
+
+def implausible_units(segments: Sequence[Segment], units: Mapping[str, str]) -> Iterator[Finding]:
+    """Yield channels whose span, or whose ratio to another, no machine has: their units or gains are wrong."""
+    for name, unit in units.items():
+        span = max(float(np.ptp(segment.channels[name])) for segment in segments)
+        if unit in SPANS and span and not SPANS[unit].least <= span <= SPANS[unit].most:
+            yield Finding("implausible unit", (Quantity(span, unit, "span"),), place=f"'{name}'")
+    for one, other in product(units, units):
+        if (units[one], units[other]) in INERTIAS and all(segment.periodic for segment in segments):
+            what, unit, plausible = INERTIAS[units[one], units[other]]
+            found = _apparent_inertias(segments, one, other)
+            if found.size and (found.min() > plausible.most or found.max() < plausible.least):
+                value = float(found.min() if found.min() > plausible.most else found.max())
+                inertia = Quantity(value, unit, f"apparent {what}")
+                yield Finding("implausible unit", (inertia,), place=f"'{one}' over '{other}'")
+
+
+def _apparent_inertias(segments: Sequence[Segment], force: str, position: str) -> NDArray[np.float64]:
+    """Return |U/(ω² Y)| at all lines at which the position moves, shape (n,)."""
+    parts = []
+    for segment in segments:
+        u, y = (np.abs(phasors(segment, name).mean(axis=0)) for name in (force, position))
+        moves = (y > 0) & (u > 0)
+        parts.append(u[moves] / (y * (2 * np.pi * segment.frequency) ** 2)[moves])
+    return np.concatenate(parts)
+
 
 COMMANDS = ("u", *INJECTED_CHANNELS)
 """Channels that are not looked at: commands jump and are limited, and then are what the machine gets."""
