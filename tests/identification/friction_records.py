@@ -1,6 +1,7 @@
 """Records of displacement and friction force, made by a model."""
 
 import numpy as np
+from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification.friction.friction_identification import FrictionIdentification
 
@@ -46,5 +47,5 @@ def values(result: Result) -> dict[str, float]:
 
 def sliding(**given: object) -> FrictionIdentification:
     """Return the estimator of mass and friction from sliding."""
-    common = {"laws": ("coulomb",), "thrust": "u", "displacement": "y", "max_frequency": 15.0}
+    common = {"laws": (Coulomb,), "thrust": "u", "displacement": "y", "max_frequency": 15.0}
     return FrictionIdentification(**{**common, **given})

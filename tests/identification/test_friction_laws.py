@@ -1,21 +1,21 @@
-"""Laws with a Stribeck effect are found again from records with many speeds."""
-
-import math
+"""Laws with a Stribeck effect, and a user's own, are found again from records with many speeds."""
 
 import numpy as np
 import pytest
 from fraexp_plugins.friction.dahl import Dahl
 from fraexp_plugins.friction.elastoplastic import Elastoplastic
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
+from fraexp_plugins.friction.none import Frictionless
+from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._shared.friction_curves import virgin_curve
 from fraexp_plugins.identification.friction.friction_identification import FrictionIdentification
 
-from fraexp.components.kinds import FrictionModel
-from fraexp.components.parameters import param
-from fraexp.components.registry import create
+from fraexp.components.kinds import Estimator, FrictionModel
+from fraexp.components.registry import create, discover
 from fraexp.errors import ParameterError, RecordError
 from tests.examples import thorough
 from tests.identification.friction_records import driven, signals, values
+from tests.identification.test_law_selection import BOUC_WEN
 
 RATED = {"coulomb_force": 10.0, "static_force": 14.0, "stribeck_velocity": 1e-3}
 GMS = GeneralizedMaxwellSlip(
@@ -36,8 +36,8 @@ def varied(model, noise=0.0):
 @pytest.mark.parametrize(
     ("model", "estimator"),
     [
-        (GMS, FrictionIdentification(laws=("gms",), elements=2)),
-        thorough(BRISTLE, FrictionIdentification(laws=("elastoplastic",))),
+        (GMS, FrictionIdentification(laws=(GeneralizedMaxwellSlip,), elements=2)),
+        thorough(BRISTLE, FrictionIdentification(laws=(Elastoplastic,))),
     ],
     ids=lambda one: one.name,
 )
@@ -60,7 +60,9 @@ def test_the_law_is_found_and_held_out_parts_are_met_to_the_noise(model, estimat
 def test_of_several_laws_the_one_that_predicts_held_out_cycles_is_chosen():
     """Rolling elements have no part in a Stribeck effect, and Dahl's law has one stiffness."""
     start = Dahl(stiffness=2e5, coulomb_force=9.0)
-    result = FrictionIdentification(laws=("rolling", "gms"), starts=(start,), elements=2).estimate(varied(GMS, NOISE))
+    result = FrictionIdentification(laws=(Rolling, GeneralizedMaxwellSlip), starts=(start,), elements=2).estimate(
+        varied(GMS, NOISE)
+    )
     chosen = result.findings[0]
     errors = {each.name: each.value for each in chosen.quantities}
     assert (chosen.place, result.fits[0].component["name"]) == ("gms", "gms")
@@ -71,7 +73,7 @@ def test_one_speed_alone_is_refused():
     y = 400e-6 * np.interp(np.arange(8000) % 1000, [0, 250, 750, 1000], [0, 1, -1, 0])
     once = signals(y, driven(GMS, y, STEP), STEP, 8)
     with pytest.raises(RecordError, match="friction_identification: all sliding is at one speed"):
-        FrictionIdentification(laws=("gms",)).estimate(once)
+        FrictionIdentification(laws=(GeneralizedMaxwellSlip,)).estimate(once)
 
 
 def test_the_limits_of_a_virgin_curve_never_fall_and_hold_it():
@@ -86,42 +88,26 @@ def test_the_limits_of_a_virgin_curve_never_fall_and_hold_it():
     assert upper[0] == pytest.approx(force[0] + 1.959964 * 0.5), "where it is known nothing changes"
 
 
-class Hysteresis(FrictionModel, name="bouc_wen_of_a_user", version=1):
-    """A law that fraexp does not have: dF/dx = K (1 - (½ + ½ sgn(v F)) |F/Fc|^n) (R. Bouc, 1967; Y.-K. Wen, 1976)."""
-
-    states = ("force [N]",)
-    slope: float = param("N/m", "stiffness after a reversal", above=0)
-    limit: float = param("N", "Coulomb force", above=0)
-    sharpness: float = param("1", "exponent n", above=0)
-
-    @staticmethod
-    def advance(
-        z: np.ndarray, dy: float, dt: float, z_next: np.ndarray, slope: float, limit: float, sharpness: float
-    ) -> float:
-        force, steps = z[0], 8
-        for _ in range(steps):
-            opposed = 0.5 + 0.5 * math.copysign(1.0, dy * force)
-            force += slope * dy / steps * (1.0 - opposed * min(abs(force) / limit, 1.0) ** sharpness)
-        z_next[0] = force
-        return force
-
-
-def test_a_users_own_law_is_found_from_the_start_that_it_states():
-    truth = Hysteresis(slope=2e5, limit=9.0, sharpness=1.6)
-    start = Hysteresis(slope=6e5, limit=5.0, sharpness=1.0)
-    result = FrictionIdentification(starts=(start,)).estimate(varied(truth, NOISE))
-    found = dict(zip(result.fits[0].parameters, result.fits[0].values, strict=True))
-    std = dict(zip(result.fits[0].parameters, result.fits[0].standard_deviation, strict=True))
-    assert result.fits[0].component["name"] == truth.name
-    for name in ("slope", "limit", "sharpness"):
-        assert found[name] == pytest.approx(getattr(truth, name), rel=0.02)
-        assert abs(found[name] - getattr(truth, name)) < 4 * std[name]
+@pytest.mark.parametrize("named", [False, True])
+def test_a_users_own_law_is_found_by_its_name_and_from_a_start(named, tmp_path):
+    (tmp_path / "bouc_wen.py").write_text(BOUC_WEN)
+    registry = discover(tmp_path)
+    law = {"name": "bouc_wen", "stiffness": 2e5, "limit_force": 9.0, "exponent": 1.6}
+    start = {"laws": ["bouc_wen"]} if named else {"starts": [{**law, "limit_force": 5.0, "exponent": 1.0}]}
+    estimator = create(registry, Estimator, {"name": "friction_identification", **start})
+    (fit,) = estimator.estimate(varied(create(registry, FrictionModel, law), NOISE)).fits
+    found = {n: each for n, *each in zip(fit.parameters, fit.values, fit.standard_deviation, strict=True)}
+    assert fit.component["name"] == "bouc_wen"
+    for name in ("stiffness", "limit_force", "exponent"):
+        value, std = found[name]
+        assert value == pytest.approx(law[name], rel=0.02)
+        assert abs(value - law[name]) < 4 * std
 
 
 def test_a_law_and_a_way_that_do_not_go_together_are_refused():
-    with pytest.raises(ParameterError, match=r"laws: 'gsm' is unknown; did you mean 'gms'\?.*give a model in `starts`"):
-        FrictionIdentification(laws=("gsm",))
+    with pytest.raises(ParameterError, match=r"none has no numbers to fit"):
+        FrictionIdentification(laws=(Frictionless,))
     with pytest.raises(ParameterError, match=r"back_propagation frees the thresholds of the law rolling; leave it out"):
-        FrictionIdentification(laws=("gms",), back_propagation=True)
+        FrictionIdentification(laws=(GeneralizedMaxwellSlip,), back_propagation=True)
     with pytest.raises(ParameterError, match=r"constant_velocity is for the law coulomb alone"):
         FrictionIdentification(constant_velocity=True)

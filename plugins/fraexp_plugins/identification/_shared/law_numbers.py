@@ -266,8 +266,11 @@ def rough_model(
     elements: tuple[NDArray[np.float64], NDArray[np.float64]],
     speed: float,
     with_damping: bool = False,
+    needed_alone: bool = False,
 ) -> FrictionModel:
     """Return a model of any law, at which a search begins: each number has the size that its unit says.
+
+    With `needed_alone` numbers that have a default keep it.
 
     `elements` are K_i [N/m] and F_mi [N] of rolling elements, and `speed` [m/s] one at which the machine slides. A
     number of another unit that the law needs is that of its first preset, else the middle of its bounds; ParameterError
@@ -276,12 +279,12 @@ def rough_model(
     force, stiffness = (float(each.sum()) for each in reversed(elements))
     lists = {"N/m": elements[0], "N": elements[1], "1": elements[1] / force}
     sizes = {"N/m": stiffness, "m": force / stiffness, "m/s": speed, "N/s": ATTRACTION_RATIO * stiffness * speed}
-    if with_damping:
-        sizes["N s/m"] = DAMPING_RATIO * force / speed
+    sizes["N s/m"] = DAMPING_RATIO * force / speed
     forces, fields = iter([force]), dict[str, Any]()
     for name, info in law.model_fields.items():
         unit, is_list = unit_of_field(info), "tuple" in str(info.annotation)
-        if name == VISCOUS or (is_list and not info.is_required()):
+        is_optional = is_list or needed_alone or (unit == "N s/m" and not with_damping)
+        if name == VISCOUS or (is_optional and not info.is_required()):
             continue
         if is_list and unit in lists:
             fields[name] = tuple(lists[unit].tolist())

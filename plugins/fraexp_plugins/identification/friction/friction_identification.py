@@ -1,9 +1,9 @@
 """Friction from force and motion: a law's parameters, beside mass, viscous friction and offset."""
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fraexp.api import (
     Estimator,
     Finding,
+    FraexpError,
     FrictionModel,
     ParameterError,
     PositionDependentFriction,
@@ -18,17 +19,12 @@ from fraexp.api import (
     RecordError,
     Result,
     Signals,
-    did_you_mean,
     param,
 )
 from fraexp_plugins.friction._shared.element_model import ElementModel
 from fraexp_plugins.friction.coulomb import Coulomb
-from fraexp_plugins.friction.dahl import Dahl
-from fraexp_plugins.friction.elastoplastic import Elastoplastic
-from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
-from fraexp_plugins.friction.lugre import LuGre
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification._shared.law_numbers import rough_model
+from fraexp_plugins.identification._shared.law_numbers import LawNumbers, rough_model
 from fraexp_plugins.identification.friction._friction_fit import (
     FrictionFit,
     LawForces,
@@ -55,9 +51,7 @@ from fraexp_plugins.identification.friction._friction_rows import (
 )
 from fraexp_plugins.identification.friction._regression import least_squares
 
-LAWS: dict[str, type[FrictionModel]] = {
-    law.name: law for law in (Rolling, Coulomb, GeneralizedMaxwellSlip, Elastoplastic, LuGre, Dahl)
-}
+Candidate = TypeVar("Candidate")
 LAW_ELEMENTS = 4
 """Elements of a law with a Stribeck effect, if the study does not give their number."""
 START_VELOCITY_RATIOS, TRIAL_STEPS = (0.3, 1.0, 3.0), 20
@@ -86,12 +80,12 @@ MAX_EVEN_ERROR_RATIO, MIN_MIXED_LEAD = 0.8, 0.05
 samples from both from which it is neither."""
 
 
-class FrictionIdentification(Estimator, name="friction_identification", version=2):
+class FrictionIdentification(Estimator, name="friction_identification", version=3):
     """The parameters of a friction law, with mass, viscous friction and offset, by least squares along a record.
 
-    `laws` names one law, or several, of which the one with the smallest error over held-out cycles is chosen; `starts`
-    are models to start from, of any law, your own included. The numbers that such a model states are estimated, those
-    that it leaves at their defaults are not.
+    `laws` names one law, or several, your own included, of which the one with the smallest error over held-out cycles
+    is chosen; `starts` are models to start from. The numbers that such a model states are estimated, those that it
+    leaves at their defaults are not.
 
     **Elements** (`rolling`): on a grid of thresholds Y_mi the deflections z_i of stop operators are known, eqs (6),
     (9), and min ‖f - Σ K_i z_i - …‖² over K_i ≥ 0 is convex (D. D. Rizos and S. D. Fassois, Chaos 14(2), 2004, with
@@ -103,9 +97,10 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
     with Gauss-Newton steps in place of its steepest descent. The problem is not convex: another start may lead to a
     worse minimum. The bands assume the number of elements: for a smooth virgin curve they cover about 89 %.
 
-    **Sliding** (`coulomb`): u = M a + F_c sgn(v) + D_v v + F_o (+ D_a |v|) over the time in which the machine slides,
-    as at a standstill friction is any force that holds it. Any motion in both directions and at several speeds is
-    suitable (M. Gautier and Ph. Poignet, Control Engineering Practice 9(12), 2001, doi:10.1016/S0967-0661(01)00087-9).
+    **Sliding** (`coulomb`, and other laws that are set-valued at rest): u = M a + F_c sgn(v) + D_v v + F_o (+ D_a |v|)
+    over the time in which the machine slides, as at a standstill friction is any force that holds it.
+    Any motion in both directions and at several speeds is suitable (M. Gautier and Ph. Poignet, Control Engineering
+    Practice 9(12), 2001, doi:10.1016/S0967-0661(01)00087-9).
     A start of the record, up to a quarter of it, that the model of the rest does not explain is left out. If the terms
     leave more than noise explains, a force along the stroke, such as cogging or the ripple of a screw, is fitted beside
     them; where all moves are alike it looks like a term, and what it changes is then a part of the interval. With
@@ -129,7 +124,9 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
     the interval is near it, only another record (longer, faster, less noise) can narrow it.
     """
 
-    laws: tuple[str, ...] = param("", "friction laws: rolling, coulomb, gms, elastoplastic, lugre, dahl", ())
+    laws: tuple[type[FrictionModel], ...] = param(
+        "", "names of friction laws, your own included; rolling if no start is given either", ()
+    )
     starts: tuple[FrictionModel, ...] = param("", "friction models to start from, of any law", ())
     elements: int = param(
         "1", "number of elements; chosen by held-out cycles if 0, and 4 in a law with a Stribeck effect", 0,
@@ -176,14 +173,15 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
     def model_post_init(self, context: object) -> None:
         """Check laws, starts and thresholds."""
         for law in self.laws:
-            if law not in LAWS:
-                raise ParameterError(
-                    f"{self.name}.laws: '{law}' is unknown{did_you_mean(law, LAWS)}; known: {', '.join(LAWS)}; for "
-                    "another one give a model in `starts`"
-                )
+            try:
+                numbers = issubclass(law, ElementModel) or LawNumbers(_unit_model(law)).numbers
+            except ParameterError as error:
+                raise ParameterError(f"{self.name}.laws: ", *error.args, "; give a model in `starts`") from None
+            if not numbers:
+                raise ParameterError(f"{self.name}.laws: {law.name} has no numbers to fit; expected another law")
         if any(isinstance(start, PositionDependentFriction) for start in self.starts):
             raise ParameterError(f"{self.name}.starts: a position_dependence is not fitted; leave it out")
-        kinds = {LAWS[law] for law in self._names} | {type(start) for start in self.starts}
+        kinds = {*self._laws, *map(type, self.starts)}
         if self.back_propagation and not any(issubclass(kind, ElementModel) for kind in kinds):
             raise ParameterError(f"{self.name}.back_propagation frees the thresholds of the law rolling; leave it out")
         if self.constant_velocity and not self._is_sliding:
@@ -194,14 +192,14 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
             raise ParameterError(f"{self.name}.thresholds: expected values above 0 in ascending order")
 
     @property
-    def _names(self) -> tuple[str, ...]:
-        """Names of the laws without a start."""
-        return self.laws or (() if self.starts else (Rolling.name,))
+    def _laws(self) -> tuple[type[FrictionModel], ...]:
+        """The laws without a start."""
+        return self.laws or (() if self.starts else (Rolling,))
 
     @property
     def _is_sliding(self) -> bool:
-        """Whether no law says anything of a standstill."""
-        return all(name == Coulomb.name for name in self._names) and all(s.velocity_law for s in self.starts)
+        """Whether no law says anything of a standstill, as none has a state there."""
+        return all(map(_is_set_valued, self._laws)) and all(s.velocity_law for s in self.starts)
 
     def estimate(self, signals: Signals) -> Result:
         """Return the numbers of the law that predicts best, terms, errors, forces and the friction model."""
@@ -214,11 +212,10 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         best = min(equal, key=lambda fit: len(fit.numbers))
         errors = tuple(Quantity(fit.worst_error, "N", f"error of {fit.model.name}") for fit in fits)
         chosen = Finding("remark", errors, place=best.model.name, text="predicts the held-out cycles best")
-        return report(signals, best, chosen if len(self._names) + len(self.starts) > 1 else None)
+        return report(signals, best, chosen if len(self._laws) + len(self.starts) > 1 else None)
 
     def _sliding_fits(self, signals: Signals, records: tuple[FrictionRecord, ...]) -> list[FrictionFit]:
         """Return the fits of laws that say nothing of a standstill, to the rows in which the machine slides."""
-        models = [Coulomb(coulomb_force=1.0) for _ in self._names] + list(self.starts)
         known = slides(records, self.presliding_distance)
         speeds = np.concatenate([np.abs(r.velocity())[slide] for r, slide in zip(records, known, strict=True)])
         problem = self._problem(records, speeds, tuple(known), np.empty(0))
@@ -233,9 +230,9 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
             problem = replace(problem, known=tuple(known), findings=(*problem.findings, *remarks))
             problem = self._with_lead(problem, signals, lambda moved: FrictionFit(moved, forces, forces.start).error)
         self._check_directions(problem)
-        fits = [fit_law(problem, model, self.max_iterations) for model in models]
-        for fit in fits:
-            _check_signs(fit)
+        slow = _speed_quantile(speeds, 0.1)
+        models = [*(_unit_model(law, slow) for law in self._laws), *self.starts]
+        fits = _each_fit(models, lambda model: _checked_signs(fit_law(problem, model, self.max_iterations)))
         if isinstance(problem.observation, ThrustAndMotion):
             fits = [_beside_stroke_force(fit, signals) if fit.has_model_error else fit for fit in fits]
         return fits
@@ -253,8 +250,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
 
     def _presliding_fits(self, signals: Signals, records: tuple[FrictionRecord, ...]) -> list[FrictionFit]:
         """Return the fits of laws with presliding, to all rows in which their state is known."""
-        is_rolling = [name == Rolling.name for name in self._names]
-        is_whole = not all(is_rolling) or any(not isinstance(start, ElementModel) for start in self.starts)
+        is_whole = not all(issubclass(law, ElementModel) for law in (*self._laws, *map(type, self.starts)))
         problem, remarks = self._grid_problem(records, MAX_SEARCH_SPAN), list[Finding | str]()
         if is_whole and "viscous" not in problem.terms and problem.viscous is None:
             raise RecordError(
@@ -267,16 +263,8 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
             problem = self._grid_problem(records, MAX_THRESHOLD_SPAN, end)
         problem = self._with_lead(problem, signals, grid_error)
         problem = replace(problem, findings=(*problem.findings, *remarks))
-        fits, failures = [], list[RecordError]()
-        candidates: tuple[str | FrictionModel, ...] = (*self._names, *self.starts)
-        for candidate in candidates:
-            try:
-                fits.append(self._fit_candidate(problem, candidate))
-            except RecordError as error:  # the other laws go on
-                failures.append(error)
-        if not fits:
-            raise failures[0]
-        return fits
+        candidates: tuple[type[FrictionModel] | FrictionModel, ...] = (*self._laws, *self.starts)
+        return _each_fit(candidates, lambda candidate: self._fit_candidate(problem, candidate))
 
     def _fit_from(self, problem: FrictionProblem, start: FrictionModel) -> FrictionFit:
         """Return the fit of a law from a start; of elements with their thresholds, and dampers if they have any."""
@@ -293,17 +281,17 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         least = START_DAMPING * springs.coulomb_force / speed / len(found.stiffness)
         return self._fit_elements(problem, found.model_copy(update={"damping": (least,) * len(found.stiffness)}))
 
-    def _fit_candidate(self, problem: FrictionProblem, candidate: str | FrictionModel) -> FrictionFit:
+    def _fit_candidate(self, problem: FrictionProblem, candidate: type[FrictionModel] | FrictionModel) -> FrictionFit:
         """Return the fit from a model; of a law by name that of elements on the grid, or one that begins with them."""
-        if not isinstance(candidate, str):
+        if isinstance(candidate, FrictionModel):
             return self._fit_from(problem, candidate)
-        law = LAWS[candidate]
+        law, is_rolling = candidate, issubclass(candidate, ElementModel)
         is_of_elements = any("tuple" in str(info.annotation) for info in law.model_fields.values())
-        count = self.elements or (LAW_ELEMENTS if is_of_elements and law is not Rolling else 0)
+        count = self.elements or (LAW_ELEMENTS if is_of_elements and not is_rolling else 0)
         grid = fit_elements(problem, count, bool(self.thresholds))
         model = grid.model
         assert isinstance(model, Rolling)
-        if law is Rolling:
+        if is_rolling:
             return self._fit_from(problem, model) if self.back_propagation or self.fit_damping else grid
         speeds = np.abs(np.concatenate([record.velocity() for record in problem.records]))
         slow, elements = _speed_quantile(speeds, 0.1), (np.array(model.stiffness), np.array(model.limit_force))
@@ -333,7 +321,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
     ) -> FrictionProblem:
         """Return the problem of records that slide at these speeds [m/s]."""
         cycles = np.unique(np.concatenate([record.cycle for record in records]))
-        is_chosen = not self._is_sliding or len(self._names) + len(self.starts) > 1
+        is_chosen = not self._is_sliding or len(self._laws) + len(self.starts) > 1
         held_out = cycles[HELD_OUT_STEP - 1 :: HELD_OUT_STEP] if is_chosen else cycles[:0]
         terms, speed, remarks = self._terms(speeds)
         return FrictionProblem(
@@ -446,8 +434,32 @@ def _beside_stroke_force(fit: FrictionFit, signals: Signals) -> FrictionFit:
     return replace(beside, problem=replace(fit.problem, lead_doubt=lead - observation.lead))
 
 
-def _check_signs(fit: FrictionFit) -> None:
-    """Raise RecordError for a mass or a Coulomb force that is negative."""
+def _unit_model(law: type[FrictionModel], speed: float = 1.0) -> FrictionModel:
+    """Return a model of a law with a force of 1 N, which states the numbers that the law needs."""
+    return rough_model(law, (np.ones(1), np.ones(1)), speed, needed_alone=True)
+
+
+def _is_set_valued(law: type[FrictionModel]) -> bool:
+    """Return whether the force of a law may have any value at a standstill, unless more numbers are stated."""
+    return not issubclass(law, ElementModel) and _unit_model(law).velocity_law is not None
+
+
+def _each_fit(candidates: Iterable[Candidate], fit: Callable[[Candidate], FrictionFit]) -> list[FrictionFit]:
+    """Return the fits of all candidates but those that fail, which the others name; the failure if all fail."""
+    fits, failures = [], list[FraexpError]()
+    for candidate in candidates:
+        try:
+            fits.append(fit(candidate))
+        except FraexpError as error:
+            failures.append(error)
+    if not fits:
+        raise failures[0]
+    left_out = tuple(f"a law is left out: {failure}" for failure in failures)
+    return [replace(each, problem=replace(each.problem, findings=(*each.problem.findings, *left_out))) for each in fits]
+
+
+def _checked_signs(fit: FrictionFit) -> FrictionFit:
+    """Return a fit; RecordError for a mass or a Coulomb force that is negative."""
     force, mass = fit.coulomb_force, fit.term("mass")
     if force <= 0 or (mass < 0 and isinstance(fit.problem.observation, ThrustAndMotion)):
         raise RecordError(
@@ -457,6 +469,7 @@ def _check_signs(fit: FrictionFit) -> None:
             Quantity(force, "N"),
             "; expected both above 0: check signs and gains of the channels, the dead times and max_frequency",
         )
+    return fit
 
 
 def _least_lead(held: float, middle: float, even: float) -> float:
