@@ -6,13 +6,14 @@ from itertools import product
 import numpy as np
 import pytest
 from fraexp_plugins.identification.whole_record._machine_problem import SCALES, FreeParameters, nonzero_numbers
-from fraexp_plugins.identification.whole_record._plan_search import (
+from fraexp_plugins.identification.whole_record._record_fit import RecordFit
+from fraexp_plugins.identification.whole_record.excitation_design import (
     Plan,
     PlannedRecord,
     PlanSearch,
     planned_records,
+    repeated_share,
 )
-from fraexp_plugins.identification.whole_record._record_fit import RecordFit
 
 from fraexp.components.kinds import Estimator, Excitation, FrictionModel, Plant
 from fraexp.components.registry import create, discover
@@ -35,7 +36,7 @@ def design(**given):
     return create(discover(), Estimator, {"name": "excitation_design", "loop": LOOP, **common, **given})
 
 
-def drawn_record(random, frequency, amplitude, has_dither=True):
+def drawn_record(random, frequency, amplitude, repeated=0.0):
     """Return a record of random information, of which a greater amplitude tells more.
 
     Its six samples depend on three shared parameters, and on the two parts of its own response.
@@ -44,15 +45,7 @@ def drawn_record(random, frequency, amplitude, has_dither=True):
     known, told = np.linalg.inv(own.T @ own), np.linalg.lstsq(own, shared)[0]
     times = 1 / frequency, 0.2 + 1 / frequency
     return PlannedRecord(
-        frequency,
-        amplitude,
-        *times,
-        amplitude,
-        shared.T @ shared,
-        known,
-        slopes=-told,
-        told=told,
-        has_dither=has_dither,
+        frequency, amplitude, *times, amplitude, shared.T @ shared, known, slopes=-told, told=told, repeated=repeated
     )
 
 
@@ -84,9 +77,15 @@ def test_the_search_finds_the_best_of_all_plans(search):
     assert search.criterion(found) <= search.criterion(start)
 
 
-def test_a_repeated_period_tells_nothing_new_without_noise():
+def test_a_repeated_period_tells_what_is_not_rounded_alike():
     random = np.random.default_rng(1)
-    silent, noisy = (drawn_record(random, 1.0, 1.0, has_dither) for has_dither in (False, True))
+    position, step = random.uniform(-50, 50, 4000), 1.0
+    for noise in (0.0, 0.1, 0.2, 1.0):
+        periods = position + noise * random.standard_normal((200, position.size))
+        errors = step * np.round(periods / step) - position
+        found = np.mean(errors.mean(axis=0) ** 2) / np.mean(errors**2)  # 1/200 more of what is not repeated
+        assert repeated_share(noise, step) == pytest.approx(found, abs=0.02)
+    silent, noisy = (drawn_record(random, 1.0, 1.0, repeated) for repeated in (1.0, 0.0))
     once, often = (Plan((silent,), (count,)).standard_deviations() for count in (1, 9))
     np.testing.assert_array_equal(once, often)
     once, often = (Plan((noisy,), (count,)).standard_deviations() for count in (1, 9))

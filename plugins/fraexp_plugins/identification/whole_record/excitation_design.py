@@ -1,10 +1,12 @@
 """Which sines tell most in a given time? Amplitude and periods of each frequency, for a machine known preliminarily."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fraexp.api import (
     NORMAL_QUANTILE,
@@ -30,25 +32,300 @@ from fraexp.api import (
 )
 from fraexp_plugins.excitations.sine_list import SineList
 from fraexp_plugins.identification.whole_record._fit_report import FitReport
+from fraexp_plugins.identification.whole_record._joint_fit import LinearRecord, interval_loss
 from fraexp_plugins.identification.whole_record._machine_problem import (
     DEAD_TIME,
     FreeParameters,
 )
-from fraexp_plugins.identification.whole_record._plan_search import (
-    Plan,
-    PlannedRecord,
-    PlanSearch,
-    planned_records,
-)
-from fraexp_plugins.identification.whole_record._record_fit import RecordFit
+from fraexp_plugins.identification.whole_record._record_fit import RecordFit, State
 from fraexp_plugins.identification.whole_record.maximum_likelihood import MaximumLikelihood
 
+
+class PlannedRecord(NamedTuple):
+    """One sine that may be measured, and what a period of it would tell."""
+
+    frequency: float
+    """[Hz]"""
+    amplitude: float
+    """[N]"""
+    period: float
+    """Time of a period [s]: whole cycles in whole samples."""
+    settled: float
+    """Time until it has settled [s], which the one period of the shortest record is part of."""
+    stroke: float
+    """Peak to peak motion [m]."""
+    shared: NDArray[np.float64]
+    """Information of a period about the shared parameters, where the response is the plant's, shape (p, p)."""
+    own: NDArray[np.float64]
+    """Relative covariance of 1/P̂ from a period whose friction is known, shape (2, 2)."""
+    slopes: NDArray[np.float64]
+    """Relative change of 1/P̂ by the shared parameters, shape (2, p): as they are wrong, so is the response."""
+    told: NDArray[np.float64]
+    """Covariance of the error of 1/P̂ that is the record's own with the shared parameters, over that of the latter,
+    shape (2, p): the record tells them, too."""
+    repeated: float
+    """Share of the variance of a sample's error that is the same in each period; see `repeated_share`."""
+
+    def time(self, count: int) -> float:
+        """Return the time that so many periods take [s]; none if it is not measured.
+
+        A record no longer than the windows in which settling shows is the last of them; a longer one comes after it.
+        """
+        if not count:
+            return 0.0
+        return self.settled + (count * self.period if count > 1 else 0.0)
+
+    def weight(self, count: int) -> float:
+        """Return how many periods without a common error would tell as much."""
+        return count / (1 + (count - 1) * self.repeated) if count else 0.0
+
+
+def planned_records(fit: RecordFit, amplitudes: Sequence[float]) -> list[PlannedRecord]:
+    """Return what the simulated records of a fit would tell about the machine that was simulated, and the fit knows.
+
+    `amplitudes` are those of their excitation [N].
+    """
+    state = State(np.zeros(len(fit.free.names)), tuple(np.zeros(record.count) for record in fit.records))
+    fit = fit.with_needed_drifts(state)
+    state = State(state.shared, tuple(np.zeros(record.count) for record in fit.records))
+    linear, repeated = fit.linearised_at(state), repeated_share(fit.noise, fit.resolution)
+    found = []
+    for amplitude, record, each, inverse, slopes in zip(
+        amplitudes, fit.records, linear.records, linear.inverse, linear.inverse_slopes, strict=True
+    ):
+        segment = record.segment
+        period = segment.samples * segment.sample_time
+        settled = (segment.settling.time if segment.settling else 0.0) + period
+        size = float(record.frequency[0]), amplitude, period, settled, float(np.ptp(record.position))
+        found.append(PlannedRecord(*size, *_information(each, slopes[0] / inverse[0], record.forces), repeated))
+    return found
+
+
+MAX_ORDER = 100
+"""Sines of the mean error of rounding: the rest has 1 % of its variance without noise, and none with any."""
+
+
+def repeated_share(noise: float, resolution: float) -> float:
+    """Return the share of the variance of samples' errors that each period repeats, for noise and encoder step [m].
+
+    Without noise a period is rounded as the one before. The mean error of rounding after Gaussian noise is a sum of
+    sines of the position, whose amplitudes q/(πk) fall by exp(-2π²k²σ²/q²) (B. Widrow and I. Kollár, Quantization
+    Noise, 2008).
+    """
+    if not resolution:
+        return 0.0
+    order, ratio = np.arange(1, MAX_ORDER + 1), noise / resolution
+    mean = float(np.sum(np.exp(-((2 * np.pi * order * ratio) ** 2)) / order**2))
+    return mean / float(np.sum(1.0 / order**2)) / (1 + 12 * ratio**2)
+
+
+def _information(
+    record: LinearRecord, slopes: NDArray[np.complex128], forces: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return what a planned record knows: `shared`, `own`, `slopes` and `told`."""
+    p = record.shared.shape[1]
+    curvature = interval_loss(record.residual, record.resolution, record.std).curvature
+    jacobian = np.hstack([record.shared, record.own])
+    hessian = (jacobian.T * curvature) @ jacobian
+    # Where the response is the plant's, a record has a drift of its own only.
+    drift = hessian[p + forces :, p + forces :]
+    mixed_drift = hessian[p + forces :, :p]
+    by_drift = np.linalg.solve(drift, mixed_drift)
+    shared = hessian[:p, :p] - mixed_drift.T @ by_drift
+    parts = np.stack([slopes.real, slopes.imag])
+    gain = np.linalg.solve(hessian[p:, p:], parts[:, p:].T).T
+    own, mixed = gain @ parts[:, p:].T, hessian[p:, :p]
+    told = gain @ (mixed - hessian[p:, p + forces :] @ by_drift)
+    return shared, own, parts[:, :p] - gain @ mixed, told
+
+
+class Plan(NamedTuple):
+    """Records that are to be measured, and how often each of them."""
+
+    records: tuple[PlannedRecord, ...]
+    counts: tuple[int, ...]
+    """Periods of each; 0 for one that is left out."""
+
+    @property
+    def time(self) -> float:
+        """Measuring time [s]."""
+        return sum(record.time(count) for record, count in zip(self.records, self.counts, strict=True))
+
+    @property
+    def measured(self) -> list[tuple[PlannedRecord, int]]:
+        """The records that are measured, each with its number of periods."""
+        return [pair for pair in zip(self.records, self.counts, strict=True) if pair[1]]
+
+    def covariance(self) -> NDArray[np.float64]:
+        """Return the covariance of the shared parameters, shape (p, p)."""
+        return np.asarray(np.linalg.pinv(sum(r.weight(n) * r.shared for r, n in self.measured), hermitian=True))
+
+    def standard_deviations(self) -> NDArray[np.float64]:
+        """Return the relative standard deviation of P̂ of each measured record, shape (n,).
+
+        The shared parameters are told by all records, that of the response among them: see `covariances_beside`.
+        """
+        covariance, measured = self.covariance(), self.measured
+        weights = np.array([record.weight(count) for record, count in measured])
+        own = np.array([np.trace(record.own) for record, _ in measured]) / weights
+        slopes, told = (np.array(each) for each in zip(*((r.slopes, r.told) for r, _ in measured), strict=True))
+        by_shared = np.einsum("kip,pq,kiq->k", slopes, covariance, slopes + 2 * told)
+        return np.asarray(np.sqrt(own + by_shared))
+
+
+def log_deviation(plan: Plan, friction: int, is_wanted: Sequence[bool]) -> float:
+    """Return the logarithm of what a plan leaves open: of wanted responses and of the first shared parameters.
+
+    Of the responses it is the root mean square of the relative standard deviations, in which the widest band counts
+    most; of friction's parameters, which have no common size, the geometric mean. Both count alike.
+    """
+    wanted = [each for each, count in zip(is_wanted, plan.counts, strict=True) if count]
+    responses = plan.standard_deviations()[np.array(wanted, dtype=bool)]
+    logs = [0.5 * np.log(np.mean(responses**2))]
+    if friction:
+        logs.append(0.5 * np.mean(np.log(np.diag(plan.covariance())[:friction])))
+    return float(np.mean(logs))
+
+
+SHARES = 400
+"""Times of a record that are tried in a uniform plan: each 2 % longer, as rounded counts fill the time no better."""
+PORTION = 0.01
+"""Part of the measuring time that is moved from one record to another at once."""
+TAKEN_PORTIONS, MAX_TAKEN = (1, 3), 4
+"""How many portions are taken from a record, and from how many records in turn."""
+ADDED_PORTIONS = (1, 3, 10)
+"""How many portions are given to a record of at most one: where a second one begins, settling is waited for."""
+MIN_GAIN = 1e-5
+"""Least gain of the criterion, a logarithm, for which time is moved: bands that are narrower by 1e-5."""
+
+
+@dataclass(frozen=True)
+class PlanSearch:
+    """What can be measured, and for how long.
+
+    To halve the bands of the responses counts as much as to halve those of friction's parameters.
+    """
+
+    choices: tuple[tuple[PlannedRecord, ...], ...]
+    """Records of each frequency, one for each amplitude, shape (frequencies, amplitudes)."""
+    is_wanted: tuple[bool, ...]
+    """Whether the response of a frequency is wanted; others are measured only for what they tell of friction."""
+    friction: int
+    """Number of shared parameters, the first ones, that are friction's."""
+    time: float
+    """Measuring time [s]."""
+
+    def criterion(self, plan: Plan) -> float:
+        """Return what is to be as small as possible."""
+        return log_deviation(plan, self.friction, self.is_wanted)
+
+    @property
+    def shortest_time(self) -> float:
+        """Least time in which the wanted responses can be measured [s]."""
+        pairs = zip(self.choices, self.is_wanted, strict=True)
+        return sum(min(record.time(1) for record in records) for records, is_wanted in pairs if is_wanted)
+
+    def uniform(self) -> Plan | None:
+        """Return the best plan of one amplitude with equal times, or equal numbers of periods; None without time."""
+        found = list(self._uniform_plans())
+        return min(found, key=self.criterion) if found else None
+
+    def _uniform_plans(self) -> Iterator[Plan]:
+        """Yield for each amplitude the longest plans of equal times, and of equal numbers of periods."""
+        amplitudes = range(min(len(records) for records in self.choices))
+        for place, is_equal_time in product(amplitudes, (True, False)):
+            records = tuple(each[place] for each, wanted in zip(self.choices, self.is_wanted, strict=True) if wanted)
+            periods = np.array([record.period for record in records])
+            lengths = periods if is_equal_time else np.full(periods.size, periods.min())
+            shares = np.geomspace(periods.min(), max(self.time, 1e-9), SHARES)[:, None]
+            counts = np.maximum(np.rint(shares / lengths), 1).astype(int)
+            plans = [Plan(records, tuple(each)) for each in counts.tolist()]
+            fitting = [plan for plan in plans if plan.time <= self.time]
+            if fitting:
+                yield self._with_others(max(fitting, key=lambda plan: plan.time))
+
+    def _with_others(self, plan: Plan) -> Plan:
+        """Return the plan of wanted records with the others, which are not measured."""
+        pairs, found = iter(zip(*plan, strict=True)), []
+        for records, is_wanted in zip(self.choices, self.is_wanted, strict=True):
+            found.append(next(pairs) if is_wanted else (records[0], 0))
+        return Plan(*zip(*found, strict=True))
+
+    def best(self) -> Plan | None:
+        """Return the best plan to which exchanges lead from a plan of one amplitude; None without time."""
+        found = [self._improved(plan) for plan in self._uniform_plans()]
+        return min(found, key=self.criterion) if found else None
+
+    def _improved(self, plan: Plan) -> Plan:
+        """Return the plan to which exchanges lead from one."""
+        while True:
+            found = self._exchanged(self._with_best_amplitudes(plan))
+            if self.criterion(plan) - self.criterion(found) < MIN_GAIN:
+                return min((plan, found), key=self.criterion)
+            plan = found
+
+    def _with_best_amplitudes(self, plan: Plan) -> Plan:
+        """Return the plan in which each record in turn has the amplitude that tells most in the same time."""
+        for place, records in enumerate(self.choices):
+            if plan.counts[place]:
+                time = plan.records[place].time(plan.counts[place])
+                options = [_with_record(plan, place, each, _count_within(each, time)) for each in records]
+                plan = min([plan, *(o for o in options if o.counts[place])], key=self.criterion)
+        return plan
+
+    def _exchanged(self, plan: Plan) -> Plan:
+        """Return the plan with time given to the records that make most of it, taken from one that needs it least."""
+        before = self.criterion(plan)
+        less = [
+            option
+            for place in range(len(plan.counts))
+            for portions in TAKEN_PORTIONS
+            if (option := self._shorter(plan, place, portions)) is not None
+        ]
+        less.sort(key=lambda option: (self.criterion(option) - before) / (plan.time - option.time))
+        return min([plan, *map(self._fill, [plan, *less[:MAX_TAKEN]])], key=self.criterion)
+
+    def _fill(self, plan: Plan) -> Plan:
+        """Return the plan whose time is used up, by what gains most for the time that it takes."""
+        while True:
+            before, time = self.criterion(plan), plan.time
+            more = [option for place in range(len(plan.counts)) for option in self._longer(plan, place)]
+            gains = [(before - self.criterion(o)) / (o.time - time) if o.time <= self.time else 0.0 for o in more]
+            if max(gains, default=0.0) <= 0:
+                return plan
+            plan = more[int(np.argmax(gains))]
+
+    def _longer(self, plan: Plan, place: int) -> Iterator[Plan]:
+        record, count = plan.records[place], plan.counts[place]
+        for each in (record,) if count else self.choices[place]:
+            for portions in ADDED_PORTIONS if count <= self._portion(each) else (1,):
+                yield _with_record(plan, place, each, count + portions * self._portion(each))
+
+    def _shorter(self, plan: Plan, place: int, portions: int) -> Plan | None:
+        record, count = plan.records[place], plan.counts[place]
+        fewer = max(count - portions * self._portion(record), int(self.is_wanted[place]))
+        return _with_record(plan, place, record, fewer) if fewer < count else None
+
+    def _portion(self, record: PlannedRecord) -> int:
+        return max(round(PORTION * self.time / record.period), 1)
+
+
+def _with_record(plan: Plan, place: int, record: PlannedRecord, count: int) -> Plan:
+    records, counts = list(plan.records), list(plan.counts)
+    records[place], counts[place] = record, count
+    return Plan(tuple(records), tuple(counts))
+
+
+def _count_within(record: PlannedRecord, time: float) -> int:
+    """Return the number of periods for which there is time [s]."""
+    count = int((time - record.settled) / record.period + 1e-9)
+    return count if count > 1 else int(record.time(1) <= time)
+
+
 UNIFORM, DESIGNED = "uniform plan", "designed plan"
-MIN_WIDER_RATIO = 1.01
-"""Interval of a parameter over that with equal sines from which the message names it."""
 
 
-class ExcitationDesign(Estimator, name="excitation_design", version=4):
+class ExcitationDesign(Estimator, name="excitation_design", version=5):
     """The sines that tell most of plant and friction in a given measuring time (optimal input design).
 
     `method` finds plant, friction and noise from the records there are: those of a short measurement, or of a simulated
@@ -65,8 +342,8 @@ class ExcitationDesign(Estimator, name="excitation_design", version=4):
 
     The prediction is as good as the preliminary machine. Amplitudes are limited by `amplitudes` and `max_stroke` alone:
     greater ones tell more of the plant, and are rarely worse for friction. `extra_frequencies` are measured only if
-    they tell enough of friction. Without noise (less than a tenth of the encoder's step) periods that are repeated tell
-    nothing new; then amplitudes alone are chosen.
+    they tell enough of friction. Periods that are repeated tell less the smaller the noise is compared with the
+    encoder's step, as each is rounded alike; without noise they tell nothing new, and amplitudes alone are chosen.
     """
 
     fits: ClassVar[str] = "excitation"
@@ -232,11 +509,11 @@ def _wider_intervals(parameters: Sequence[_PlannedParameter], uniform: Plan, des
     """Yield each parameter that the designed sines tell less of, and by how much its interval grows."""
     ratios = np.sqrt(np.diag(designed.covariance()) / np.diag(uniform.covariance()))
     for parameter, ratio in zip(parameters, ratios, strict=False):
-        if ratio >= MIN_WIDER_RATIO:
+        if round(ratio, 2) > 1:
             yield f"{parameter.name} {ratio:.2f} times"
 
 
-def _plan_metrics(label: str, plan: Plan, parameters: Sequence["_PlannedParameter"]) -> Iterator[Metric]:
+def _plan_metrics(label: str, plan: Plan, parameters: Sequence[_PlannedParameter]) -> Iterator[Metric]:
     """Yield the measuring time, the bands of P̂, and the intervals of friction and plant, all predicted."""
     bands = NORMAL_QUANTILE * plan.standard_deviations()
     yield Metric(f"{label}: time", plan.time, "s")
