@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fraexp.api import FrictionModel, Signals
 from fraexp_plugins.identification._shared.law_numbers import scaled_friction
-from fraexp_plugins.identification.whole_record._joint_fit import Prior, interval_loss
+from fraexp_plugins.identification.whole_record._joint_fit import Prior, greatest_ratio, interval_loss
 from fraexp_plugins.identification.whole_record._machine_problem import MachineProblem, Models
 from fraexp_plugins.identification.whole_record._motion_start import (
     FRICTION_ERRORS,
@@ -67,8 +67,6 @@ def replay_error(
 
 LAST_GAIN = 0.5
 """Gain of the log-likelihood with which the last steps end."""
-MAX_PLANT_RATIO = 2.0
-"""Residual over what noise and rounding explain from which the plant may lack a mode."""
 MIN_INDEPENDENCE, DIRECTION_SIZES = 1e-3, (5e-4, 0.02)
 """Least eigenvalue of the information of parameters in units of what each tells alone, below which they act alike, and
 the least and greatest changes of logarithms by which derivatives are taken then."""
@@ -161,6 +159,11 @@ class Fitted:
         """Geometric mean of the ratios: a few records with a leap do not decide."""
         return float(np.exp(np.mean(np.log(self.ratios))))
 
+    @property
+    def explains(self) -> bool:
+        """Whether it leaves of all records together no more than noise and rounding."""
+        return self.mean_ratio <= float(greatest_ratio(float(self.fit.freedom.sum())))
+
 
 def evidence(fit: Fitted, other: Fitted) -> float:
     """Return by how much records speak for a fit and against one with more parameters (Bayesian information criterion).
@@ -181,7 +184,7 @@ def along_directions(found: Fitted) -> Fitted:
     The derivatives by two such parameters are nearly the same, and their errors, divided by the little that is left,
     end a search anywhere in the valley that the likelihood has there, with a band that is too narrow.
     """
-    if not found.mean_ratio < MAX_PLANT_RATIO or not found.state.shared.size:
+    if not found.explains or not found.state.shared.size:
         return found
     covariance = found.covariances[0][: found.state.shared.size, : found.state.shared.size]
     information = np.linalg.inv(covariance)
@@ -224,14 +227,12 @@ HOPELESS_RATIO, FIRST_STEPS = 10.0, 4
 """Residual over what noise and rounding explain, from which a start is given up after its first steps."""
 NEAR_STEPS = 2 * MAX_STEPS
 """Steps from a start that is near: elements that share a force in ways that hardly differ take many."""
-MAX_MODE_STD = 0.1
-"""Relative standard deviation of a mode's numbers from which the plant may have one too many."""
-MAX_START_RATIO = 1.3
-"""Geometric mean of the residuals over what noise and rounding explain, up to which no other start is tried."""
 MAX_PARAMETER_STD = 0.5
-"""Relative standard deviation from which records do not tell a parameter."""
-MAX_REFINEMENTS, REFINEMENT = 2, 3
-"""How often the replay's steps are refined if they matter, and by which factor."""
+"""Relative standard deviation from which records do not tell a parameter: its 95 % interval reaches 0. With half of it
+one is held that is known to a quarter."""
+NUMBERS_OF_A_MODE = 3
+MAX_REFINEMENTS = 2
+"""How often the replay's steps are refined if they matter. One leaves laws with a first-order error inexact."""
 
 
 def fit_machine(problem: MachineProblem, known: Fitted | None = None) -> tuple[Fitted, int]:
@@ -246,9 +247,9 @@ def fit_machine(problem: MachineProblem, known: Fitted | None = None) -> tuple[F
     every = every.with_needed_drifts(State(joint.state.shared, tuple(np.zeros(r.count) for r in every.records)))
     whole = _whole(problem, every, joint)
     for _ in range(MAX_REFINEMENTS):
-        if whole.is_exact or whole.mean_ratio > MAX_PLANT_RATIO:
+        if whole.is_exact or whole.mean_ratio > HOPELESS_RATIO:
             break
-        every = replace(every, start=whole.fit.start).with_more_steps(REFINEMENT)
+        every = replace(every, start=whole.fit.start).with_more_steps(STEPS_FACTOR)
         whole = _whole(problem, every, whole)
     return whole, starts
 
@@ -265,22 +266,25 @@ def joint_fit(problem: MachineProblem, starts: Sequence[MotionFit] = ()) -> tupl
         found.append(_converged(problem, fit, start.shared, FIRST_STEPS))
         if found[-1].mean_ratio < HOPELESS_RATIO or len(starts) == 1:
             found[-1] = _converged(problem, fit, found[-1].state.shared, NEAR_STEPS)
-        if found[-1].mean_ratio < MAX_START_RATIO:
+        if found[-1].explains:
             break
     return min(found, key=lambda each: each.mean_ratio), len(found)
 
 
-def predicted_ratios(problem: MachineProblem, found: Fitted, signals: Signals) -> NDArray[np.float64]:
-    """Return what a joint fit leaves of other records, over what noise and rounding explain, shape (records,)."""
+def predicted_ratios(problem: MachineProblem, found: Fitted, signals: Signals) -> tuple[NDArray[np.float64], float]:
+    """Return what a joint fit leaves of other records, over what noise and rounding explain, shape (records,), and the
+    degrees of freedom of all of them.
+    """
     records = RecordFit.around(replace(problem, signals=signals), found.fit.start.plant).records
-    return replace(found.fit, records=records).predicted_ratios(found.state.shared)
+    fit = replace(found.fit, records=records)
+    return fit.predicted_ratios(found.state.shared), float(fit.freedom.sum())
 
 
 def least_told(found: Fitted) -> str:
     """Return which parameter the records tell least, of friction's or of several contacts'; empty if they tell all."""
     free = found.fit.free
     names = free.friction if found.models.has_one_contact else free.names
-    if found.mean_ratio > MAX_START_RATIO or not names:
+    if not found.explains or not names:
         return ""
     std = np.sqrt(np.diag(found.covariances[0])[: len(names)])
     place = int(np.argmax(std))
@@ -294,7 +298,7 @@ def _whole(problem: MachineProblem, fit: RecordFit, before: Fitted) -> Fitted:
     if problem.frictions:
         return replace(joint, error=replay_error(joint.fit, joint.state, joint.linear))
     whole = with_own_responses(joint, steps)
-    if whole.mean_ratio < MAX_PLANT_RATIO:
+    if whole.explains:
         return whole
     logs = before.state.shared[: len(problem.free.names)]
     observer = problem.observer_of(before.fit.free.applied_to(before.fit.start, before.state.shared))
@@ -315,7 +319,9 @@ def _without_untold_modes(problem: MachineProblem, joint: Fitted) -> Fitted:
     if not isinstance(plant, Modal) or problem.modes is not None or not joint.fit.free.plant:
         return joint
     count, std = len(plant.frequencies), np.sqrt(np.diag(joint.covariances[0])[len(problem.free.names) :])
-    if not count or joint.mean_ratio > MAX_PLANT_RATIO or std.max(initial=0.0) < MAX_MODE_STD:
+    samples = sum(record.residual.size for record in joint.linear.records)
+    is_told = NUMBERS_OF_A_MODE * np.log(samples) * std.max(initial=0.0) ** 2 < 1  # by Wald's test
+    if not count or not joint.explains or is_told:
         return joint
     logs = joint.state.shared[: len(problem.free.names)]
     observer = problem.observer_of(joint.models)

@@ -36,6 +36,7 @@ from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._shared.law_numbers import VISCOUS, rough_model
 from fraexp_plugins.identification._shared.usable_records import FORCE_FLOOR, with_harmonics
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
+from fraexp_plugins.identification.whole_record._joint_fit import greatest_variance_ratio
 from fraexp_plugins.identification.whole_record._machine_problem import (
     DEAD_TIME,
     DISPLACEMENT_SCALE,
@@ -48,11 +49,7 @@ from fraexp_plugins.identification.whole_record._machine_problem import (
 from fraexp_plugins.plants.modal import Modal
 
 PLANT_MODEL_ERROR = 1e-3
-"""Relative error of the plant model that a fit allows for."""
-MAX_FRICTION_RATIO, MIN_POINTS = 3.0, 8
-"""Friction over effective input up to which a response is taken for the plant's, if that leaves as many points."""
-MAX_RESPONSE_ERROR = 0.5
-"""Relative error by friction up to which it is otherwise."""
+"""Relative error of the plant model that a fit allows for, and error of a response that counts as none."""
 
 
 ANY_PLANT = Modal(rigid_body_gain=1.0)
@@ -95,12 +92,9 @@ class ObservedStart:
         found = self._response(signals, observer)
         error = friction_error * self.friction_ratios
         covariance = circular_covariance(np.abs(found.response) ** 2 * (error**2 + PLANT_MODEL_ERROR**2))
-        settled = found.settled & (self.friction_ratios < MAX_FRICTION_RATIO)
-        if settled.sum() < MIN_POINTS:
-            settled = found.settled & (error < MAX_RESPONSE_ERROR)
-        if settled.sum() < 2:
-            settled = found.settled
-        return plant_in(replace(found, covariance=covariance, settled=settled), modes, has_dead_time)
+        clearest = np.sort(self.friction_ratios[found.settled])[:MIN_POINTS]
+        is_clear = self.friction_ratios <= max(MAX_FRICTION_RATIO, clearest[-1])
+        return plant_in(replace(found, covariance=covariance, settled=found.settled & is_clear), modes, has_dead_time)
 
     def _response(self, signals: Signals, observer: EffectiveInput) -> FrequencyResponse:
         """Return y'/û_e, each segment for itself: their amplitudes may differ."""
@@ -130,25 +124,29 @@ def plant_in(response: FrequencyResponse, modes: int | None, has_dead_time: bool
     return Modal.parse(spec, "plant"), float(fit.values[fit.parameters.index("dead_time")])
 
 
-RANGE, POINTS, OBSERVED_POINTS = 3.0, 29, 15
-"""Largest scale of the grid, the least one being its reciprocal, its points, and those at which an observer is run."""
+MAX_FRICTION_RATIO, MIN_POINTS = 3.0, 8
+"""Friction over effective input up to which a response is taken for the plant's, and points that are taken at least:
+modes are not found where friction hides the plant, and two modes have seven numbers."""
+RANGE, POINTS = 3.0, 15
+"""Largest scale of the grid, the least one being its reciprocal, and its points along a scale: each 17 % above the one
+before, while a search finds its minimum from twice as far."""
 ORDERS = (2, 4, 6)
 """Degrees of numerator and denominator: two for each mode."""
 ORDER_COST = 0.1
-"""Mean logarithm of the error by which two more degrees must be better."""
+"""Mean logarithm of the error by which two more degrees must be better: as much as by eight numbers that fit chance in
+forty lines."""
 ITERATIONS = 4
-"""Times that the linear fit is repeated with the denominator of the one before as its weight."""
-LEAST_ERROR = 1e-3
-"""Error over û_e, and over the force that it is a difference of, that counts as none."""
+"""Times that the linear fit is repeated with the denominator of the one before as its weight. With two the error near
+modes still falls."""
 DISTINCT = 0.02
-"""Difference of two logarithms from which they are two starts."""
-REFINED, FINER_POINTS, FINER_RATIO, FINER_GRIDS = 6, 5, 0.4, 7
-"""Points of the grid around which finer grids refine the scales, points of such a grid along a scale, width of one over
-that of the one before, and their number."""
+"""Difference of two logarithms from which they are two starts: less leads to the same fit."""
+REFINED = 6
+"""Points of the grid from which a search for the scales begins. From half as many the right one of two valleys may be
+missed."""
 RANK_TOLERANCE = 1e-14
-"""Diagonal of a triangle, over its greatest number, below which a column counts as one of those before."""
+"""Diagonal of a triangle, over its greatest number, below which a column counts as one of those before: rounding."""
 MAX_LINES = 40
-"""Lines, spread over all, that are compared."""
+"""Lines, spread over all, that are compared. It bounds the time; rational functions have thirteen numbers at most."""
 
 
 class ScaleSearch:
@@ -171,7 +169,7 @@ class ScaleSearch:
         self.grid = np.linspace(-np.log(RANGE), np.log(RANGE), POINTS)
         points = round(POINTS * np.log(force_range) / np.log(RANGE))
         self.force_grid = np.linspace(-np.log(force_range), np.log(force_range), points)
-        observed = np.linspace(self.grid[0], self.grid[-1], OBSERVED_POINTS) if self.has_displacement else np.zeros(1)
+        observed = self.grid if self.has_displacement else np.zeros(1)
         forces = [self._forces(segments, observer, float(np.exp(log))) for log in observed]
         self.force_over_scale = CubicSpline(observed, forces) if self.has_displacement else lambda _: forces[0]
 
@@ -184,26 +182,32 @@ class ScaleSearch:
         """Return the logarithms of both scales that give the most plausible responses, the best first."""
         forces = self.force_grid if self.has_force else np.zeros(1)
         displacements = self.grid if self.has_displacement else np.zeros(1)
-        points = _pairs(forces, displacements)
+        points = np.stack(np.meshgrid(forces, displacements, indexing="ij"), axis=-1).reshape(-1, 2)
         best = points[np.argsort(self.costs(points), kind="stable")[:REFINED]]
-        costs, refined = self._refine(best)
         found: list[NDArray[np.float64]] = []
-        for point in refined[np.argsort(costs, kind="stable")]:
+        for _, point in sorted(map(self._refined, best), key=lambda each: each[0]):
             if all(np.abs(point - other).max() > DISTINCT for other in found):
                 found.append(point)
         return found
 
-    def _refine(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the least costs on ever finer grids around points, shape (points,), and where they are."""
+    def _refined(self, point: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        """Return the least cost around a point of the grid, and where it is."""
+        from scipy.optimize import minimize  # slow to import: only when something is estimated
+
+        free = np.array([self.has_force, self.has_displacement])
+
+        def at(values: NDArray[np.float64]) -> NDArray[np.float64]:
+            moved = point.copy()
+            moved[free] = values
+            return moved
+
         width = float(self.grid[1] - self.grid[0])
-        side = np.linspace(-1.0, 1.0, FINER_POINTS)
-        offsets = _pairs(side if self.has_force else np.zeros(1), side if self.has_displacement else np.zeros(1))
-        for _ in range(FINER_GRIDS):
-            tried = points[:, None, :] + width * offsets
-            costs = self.costs(tried.reshape(-1, 2)).reshape(len(points), -1)
-            best = np.argmin(costs, axis=1)
-            points, width = tried[np.arange(len(points)), best], FINER_RATIO * width
-        return costs.min(axis=1), points
+        simplex = point[free] + width * np.vstack([np.zeros(free.sum()), np.eye(free.sum())])
+        found = minimize(
+            lambda values: float(self.costs(at(values)[None, :])[0]), point[free], method="Nelder-Mead",
+            options={"initial_simplex": simplex},
+        )  # fmt: skip
+        return float(found.fun), at(found.x)
 
     def costs(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the mean logarithm of the error of a rational function, for logarithms of both scales, (n, 2)."""
@@ -218,11 +222,6 @@ def _spread_segments(segments: Sequence[Segment]) -> list[Segment]:
     lines = sum(segment.lines.size for segment in segments) / len(segments)
     count = min(max(int(MAX_LINES / lines), 1), len(ordered))
     return [ordered[place] for place in sorted({round(place) for place in np.linspace(0, len(ordered) - 1, count)})]
-
-
-def _pairs(forces: NDArray[np.float64], displacements: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return all pairs of two values, shape (n, 2)."""
-    return np.stack(np.meshgrid(forces, displacements, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
 def _rational_errors(
@@ -242,7 +241,7 @@ def _rational_errors(
         return np.full(len(effective), np.inf)
     s = 1j * frequency / frequency.max()
     known, powers = s**2 * output / effective, s[:, None] ** np.arange(order + 1)
-    allowed = np.hypot(LEAST_ERROR * np.abs(effective), LEAST_ERROR * force)
+    allowed = np.hypot(PLANT_MODEL_ERROR * np.abs(effective), PLANT_MODEL_ERROR * force)
     weight = relative = np.abs(effective) / (allowed * np.abs(known))
     columns = np.concatenate(
         [np.broadcast_to(powers, (*known.shape, order + 1)), -known[..., None] * powers[:, 1:], known[..., None]],
@@ -253,7 +252,7 @@ def _rational_errors(
         numerator, denominator = values[:, : order + 1] @ powers.T, 1 + values[:, order + 1 :] @ powers[:, 1:].T
         weight = relative / np.abs(denominator)
     error = np.abs((numerator / denominator / known - 1) * effective) / force
-    return np.asarray(np.mean(np.log(np.hypot(error, LEAST_ERROR)), axis=1))
+    return np.asarray(np.mean(np.log(np.hypot(error, PLANT_MODEL_ERROR)), axis=1))
 
 
 def _least_squares(columns: NDArray[np.complex128]) -> NDArray[np.float64]:
@@ -340,19 +339,17 @@ def _velocity(signals: Signals, observer: EffectiveInput) -> float:
 
 
 MIN_HARMONIC_SAMPLES = 10
-"""Samples of a cycle of the highest harmonic."""
-FRICTION_DIFFERENCE, PLANT_DIFFERENCE = 1e-3, 1e-5
-"""Differences of the logarithms of friction's and the plant's parameters for derivatives."""
+"""Samples of a cycle of the highest harmonic: with fewer the law's force is wrong by more than `FORCE_FLOOR`."""
+DIFFERENCE = 1e-3
+"""Difference of the parameters' logarithms for derivatives: forces of laws with events are as smooth as that."""
 START_LOG_STD = 1.0
-"""Standard deviation of the logarithms of friction's parameters around the start."""
+"""Standard deviation of the logarithms of friction's parameters around the start: a start may be wrong by a factor of
+three. With half of it a start of a named law is not left."""
 MAX_ITERATIONS, MAX_STARTS, MAX_ROUNDS, MORE_MODES = 15, 2, 4, 3
-"""Maximum numbers of steps of a search, of starts, of rounds from each, and of modes that a round adds."""
-COST_TOLERANCE = 1e-7
-"""Relative change of the cost at which a search ends."""
+"""Maximum numbers of steps of a search, of starts, of rounds from each, and of modes that a round adds. They bound the
+time: half of the last two loses plants of five modes."""
 FRICTION_ERRORS = (0.01, 0.001)
 """By how much friction may be wrong where a plant is looked for: at a start, and after a search."""
-SUFFICIENT_RATIO = 0.8
-"""Cost over that of the best one before from which another plant is better."""
 EXPLAINED = 1.0
 """Residual over what is allowed for up to which no other start is tried."""
 
@@ -367,6 +364,12 @@ class MotionFit:
     """Logarithms of the factors on friction's and the plant's numbers, shape (p,)."""
     residual: float
     """What is left over what is allowed for, shortened where it is much (soft L1), in the mean over all lines."""
+
+    def is_better_than(self, other: "MotionFit", parts: int) -> bool:
+        """Return whether its further parameters explain more than chance does, of so many real parts: an F test."""
+        added = max(self.shared.size - other.shared.size, 1)
+        allowed = added * greatest_variance_ratio(added, parts) / parts
+        return other.residual > (1 + allowed) * self.residual
 
 
 class MotionRecords:
@@ -440,7 +443,7 @@ class _Search:
         size = self.free.limit(np.full(logs.size, np.inf))
         found = least_squares(
             self._weighted, logs, jac=self._jacobian, bounds=(-size, size), x_scale="jac",
-            max_nfev=MAX_ITERATIONS, ftol=COST_TOLERANCE,
+            max_nfev=MAX_ITERATIONS,
         )  # fmt: skip
         return np.asarray(found.x)
 
@@ -476,14 +479,13 @@ class _Search:
         columns = []
         for place in range(logs.size):
             is_friction = place < len(self.free.friction)
-            difference = FRICTION_DIFFERENCE if is_friction else PLANT_DIFFERENCE
             try:
-                models = self.free.applied_to(self.models, logs + difference * (np.arange(logs.size) == place))
+                models = self.free.applied_to(self.models, logs + DIFFERENCE * (np.arange(logs.size) == place))
             except ParameterError:
                 columns.append(np.zeros(residual.size))
                 continue
             changed = self.records.residual(self.records.forces(models) if is_friction else forces, models.plant)
-            columns.append((residual - changed) / difference)
+            columns.append((residual - changed) / DIFFERENCE)
         return np.stack(columns, axis=1)
 
 
@@ -530,7 +532,7 @@ def _fit_from(problem: MachineProblem, records: MotionRecords, start: NDArray[np
             if found[-1].residual < EXPLAINED:
                 return found[-1]
         better = min(found, key=lambda each: each.residual, default=best)
-        if better is None or (best is not None and better.residual > SUFFICIENT_RATIO * best.residual):
+        if better is None or (best is not None and not better.is_better_than(best, 2 * records.lines)):
             break
         best = better
     assert best is not None

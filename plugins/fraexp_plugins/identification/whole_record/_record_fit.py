@@ -13,6 +13,7 @@ from fraexp_plugins.identification.whole_record._joint_fit import (
     LinearRecord,
     Prior,
     fit_linear,
+    greatest_ratio,
     interval_loss,
 )
 from fraexp_plugins.identification.whole_record._machine_problem import FreeParameters, MachineProblem, Models
@@ -31,28 +32,21 @@ SHARED_RADIUS, FORCE_RADIUS, DRIFT_RADIUS = 0.2, 0.1, 0.2
 """Largest first step of a shared logarithm, that of a force over the control input, and of a drift over the motion."""
 LENGTHS = np.array([1.0, 0.5, 0.25, 0.1, 0.03])
 """Lengths of a step that are tried side by side."""
-RADIUS_FACTORS = (2.0, 1.0, 1.0, 0.5, 0.25)
-"""Factor on the radius for each of them."""
-FAILED_FACTOR, MIN_RADIUS = 0.125, 1e-3
-"""Factor on the radius after a step that no length makes better, and the radius that is small enough to end."""
+RADIUS_FACTOR, MIN_RADIUS = 2.0, 1e-3
+"""Factor on the radius over the length of the step that helped, and the radius that is small enough to end. After one
+that no length makes better the radius is that of the shortest."""
 MAX_STEPS, MAX_SMALL_GAINS = 20, 3
 """Maximum number of steps, and of those in a row that gain little."""
-MAX_MEDIAN_RATIO = 1.2
-"""Median of the residuals, over what noise and rounding explain, from which the records are far from explained."""
 MIN_STD_RATIO, MIN_RELATIVE_STD = 0.03, 1e-6
 """Standard deviation of a position over the encoder's step, and over the motion, below which the replay errs itself."""
 MIN_RELATIVE_RESIDUAL = 1e-5
 """Residual over the motion that the replay's own error may cause."""
-MAX_EXPLAINED_EXCESS = 0.1
-"""Excess of a residual, over what noise and rounding explain, that is scatter."""
 NO_RADIUS = 1e9
-"""Factor on the radius that holds nothing."""
+"""Factor on the radius that holds nothing but a parameter without any effect, whose information would be singular."""
 HOLDING = 1e6
 """Factor on the information of a prior by which shared parameters stay at its mean."""
 EXPECTED_SHARE, SMALL_STEP = 0.5, 0.02
 """Share of the promised gain from which a step is good, and the shared logarithm up to which it is small."""
-EXCESS_SHARE = 1.0
-"""Standard deviation that is allowed for, over the excess: far from the solution the likelihood of a box is flat."""
 START_ERROR_SHARE = 0.25
 """Error of the motion that a record's own start causes, over that motion: it counts as linear with a few states, while
 friction remembers more. Measured at the true parameters of two drives: 0.24 with rolling elements, 0.02 with LuGre."""
@@ -134,7 +128,7 @@ class RecordFit:
         return state, linear
 
     def _is_explained(self, linear: LinearisedFit) -> bool:
-        return bool(np.median(self.residual_ratios(linear)) < MAX_MEDIAN_RATIO)
+        return bool(np.median(self.residual_ratios(linear) / self.greatest_ratios) < 1)
 
     def with_needed_drifts(self, state: State) -> "RecordFit":
         """Return the fit in which the records have a start of their own, a drift where they show one, and the
@@ -164,23 +158,23 @@ class RecordFit:
         """
         shared, own = self._radii(radius)
         step = fit_linear(linear.records, shared, own, self._prior_around(state))
-        stay = _Move(state, [], 0.0, FAILED_FACTOR)
+        stay = _Move(state, [], 0.0, RADIUS_FACTOR * LENGTHS[-1])
         if step.gain < min_gain and self._is_explained(linear):
             return stay._replace(radius_factor=1.0)
         relative = [
             np.abs(a / b).max(initial=0.0) for a, b in zip((step.shared, *step.own), (shared, *own), strict=True)
         ]
         states = [self._state_along(state, step, length) for length in LENGTHS / max(*relative, 1.0)]
-        whole = self._moves(states[:1], RADIUS_FACTORS, state, linear)
+        whole = self._moves(states[:1], RADIUS_FACTOR * LENGTHS, state, linear)
         if whole[0].gain > EXPECTED_SHARE * step.gain:
             is_small = bool(np.abs(step.shared).max(initial=0.0) < SMALL_STEP and max(*relative, 0.0) <= 1)
             return whole[0]._replace(is_as_promised=is_small)
-        moves = whole + self._moves(states[1:], RADIUS_FACTORS[1:], state, linear)
+        moves = whole + self._moves(states[1:], RADIUS_FACTOR * LENGTHS[1:], state, linear)
         best = max(moves, key=lambda move: move.gain)
         return best if best.gain > 0 else stay
 
     def _moves(
-        self, states: Sequence[State], factors: Sequence[float], state: State, linear: LinearisedFit
+        self, states: Sequence[State], factors: NDArray[np.float64], state: State, linear: LinearisedFit
     ) -> list["_Move"]:
         """Return the moves to states from one around which the records are known."""
         before = self._loss([record.residual for record in linear.records], linear, state)
@@ -225,7 +219,7 @@ class RecordFit:
         for record in self.records:
             force = np.full(record.forces, FORCE_RADIUS * np.abs(record.control).max())
             drift = np.full(len(record.drifts), DRIFT_RADIUS * np.ptp(record.position))
-            own.append(radius * self._columns(record) @ np.concatenate([force, drift]))
+            own.append(radius * (self._columns(record) @ np.concatenate([force, drift])))
         return np.full(len(self.free.names), SHARED_RADIUS * radius), own
 
     def _columns(self, record: ReplayedRecord) -> NDArray[np.float64]:
@@ -320,10 +314,8 @@ class RecordFit:
         least = max(MIN_STD_RATIO * self.resolution, MIN_RELATIVE_STD * float(np.abs(record.measured).max()))
         explained = self.resolution**2 / 12 + self.noise**2
         excess = max(float(np.mean(residual**2)) - explained, 0.0)
-        if np.sqrt(excess) < MAX_EXPLAINED_EXCESS * np.sqrt(explained):
-            excess = 0.0
         start = START_ERROR_SHARE * record.start_size(parameters)
-        return float(np.sqrt(least**2 + self.noise**2 + start**2 + EXCESS_SHARE**2 * excess))
+        return float(np.sqrt(least**2 + self.noise**2 + start**2 + excess))
 
     @property
     def freedom(self) -> NDArray[np.float64]:
@@ -331,6 +323,12 @@ class RecordFit:
         return np.array(
             [max(r.position[r.settled_samples].size - len(self._columns(r)), 1) for r in self.records], dtype=float
         )
+
+    @property
+    def greatest_ratios(self) -> NDArray[np.float64]:
+        """Residual of each record over what explains it that chance hardly exceeds, shape (records,)."""
+        independent = np.array([record.independent_samples for record in self.records], dtype=float)
+        return greatest_ratio(np.minimum(self.freedom, independent))
 
     def residual_ratios(self, linear: LinearisedFit) -> NDArray[np.float64]:
         """Return the residual of each record over what noise, rounding and its own change explain, shape (records,)."""

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from fraexp.api import Plant, Replay, Replayed, ReplayModel, Segment, replay
 from fraexp_plugins.estimators.effective_input import EffectiveInput
+from fraexp_plugins.identification.whole_record._joint_fit import greatest_variance_ratio
 from fraexp_plugins.identification.whole_record._machine_problem import Models
 
-DRIFT_STDS = 4.0
-"""Standard deviations of scatter, from which a drift is none."""
 SETTLING_PART = 8
 """Part of a record that is left out, if it has as many cycles."""
 MAX_SLOW_TERMS = 8
@@ -104,6 +103,11 @@ class ReplayedRecord:
         return slice(self.position.size // SETTLING_PART if cycles >= SETTLING_PART else 0, stop)
 
     @cached_property
+    def independent_samples(self) -> int:
+        """Number of settled samples with an error of their own: that of a rounded position that stays is one."""
+        return 1 + int(np.count_nonzero(np.diff(self.position[self.settled_samples])))
+
+    @cached_property
     def drifts(self) -> NDArray[np.float64]:
         """Offset, ramp and slow terms of the drift, and those of the start, shape (d, n)."""
         periods, size = len(self.segment.channels[self.output]), self.position.size
@@ -186,11 +190,11 @@ class ReplayedRecord:
         return float(np.var(residual - self.drift_in(residual) @ self.drifts[:, settled]))
 
     def with_needed_drift(self, position: NDArray[np.float64]) -> "ReplayedRecord":
-        """Return the record with its trend; without a drift if a replayed position leaves but scatter of one."""
+        """Return the record with its trend; without a drift if a replayed position leaves chance alone: an F test."""
         plain, settled = replace(self, has_drift=False), self.settled_samples
         residual = (self.position - position)[settled]
         coefficients, slow = self.drift_in(residual), len(self.drifts) - len(plain.drifts)
-        allowed = 1 + (slow + DRIFT_STDS * np.sqrt(2 * slow)) / residual.size
+        allowed = 1 + slow / residual.size * greatest_variance_ratio(slow, residual.size)
         least = self.scatter_about(position)
         if np.var(residual - plain.drift_in(residual) @ plain.drifts[:, settled]) <= allowed * least:
             return plain
@@ -226,8 +230,6 @@ PULSE_SHARE = 2e-3
 """A pulse over the greatest control input: small, as its response counts as linear."""
 MIN_SAMPLES_PER_PULSE = 10
 """Samples of a record for each pulse, below which it tells too little of its start."""
-MIN_SINGULAR_RATIO = 1e-9
-"""Least over greatest singular value of responses that are not the same."""
 MIN_MOVED_SAMPLES = 10
 """Samples over which a term spreads: what moves fewer are pulses that the dead time brings to the first samples, each
 by next to nothing, and several terms of the same few samples cannot be told apart."""
@@ -268,14 +270,15 @@ def _orthogonal(moved: Sequence[NDArray[np.float64]]) -> NDArray[np.float64] | N
     if not np.isfinite(responses).all() or not counted.any():
         return None
     turn, sizes, _ = np.linalg.svd(counted, full_matrices=False)
-    is_told = sizes > MIN_SINGULAR_RATIO * sizes[0]
+    is_told = sizes > counted.shape[1] * np.finfo(float).eps * sizes[0]
     terms = np.sqrt(counted.shape[1]) / sizes[is_told, None] * (turn.T[is_told] @ responses)
     squares = terms[:, :-START_STATES] ** 2
     return np.asarray(terms[squares.sum(axis=1) ** 2 >= MIN_MOVED_SAMPLES * (squares**2).sum(axis=1)])
 
 
 MAX_WEAK_RATIO = 1.1
-"""What is left of a record with a weak pull over what a strong one leaves, above which the model drifts."""
+"""What is left of a record with a weak pull over what a strong one leaves, above which the model drifts. Both leave the
+same noise, so that no test of chance applies: a drift shows in a few percent."""
 
 
 def prepared_records(
@@ -301,6 +304,6 @@ def prepared_records(
 
 
 def _is_held(record: ReplayedRecord, strong: Replayed, weak: Replayed) -> bool:
-    """Return whether a weak pull leaves hardly more of a record than a strong one, and the model settles as well."""
+    """Return whether a weak pull leaves no more of a record than a strong one, and the model settles as well."""
     allowed = MAX_WEAK_RATIO**2 * record.scatter_about(strong.position)
     return weak.is_settled >= strong.is_settled and record.scatter_about(weak.position) <= allowed < np.inf
