@@ -18,7 +18,7 @@ from fraexp_plugins.identification.whole_record._motion_start import (
     ObservedStart,
     fits_along_motion,
 )
-from fraexp_plugins.identification.whole_record._record_fit import MAX_STEPS, LinearisedFit, RecordFit, State
+from fraexp_plugins.identification.whole_record._record_fit import HOPELESS_RATIO, LinearisedFit, RecordFit, State
 from fraexp_plugins.identification.whole_record._replayed_record import Trial, positions_of
 from fraexp_plugins.plants.modal import Modal
 
@@ -65,8 +65,6 @@ def replay_error(
     return ReplayError(after.shared, tuple(inverse), REMAINING_SMOOTH if is_smooth else REMAINING_WITH_EVENTS)
 
 
-LAST_GAIN = 0.5
-"""Gain of the log-likelihood with which the last steps end."""
 MIN_INDEPENDENCE, DIRECTION_SIZES = 1e-3, (5e-4, 0.02)
 """Least eigenvalue of the information of parameters in units of what each tells alone, below which they act alike, and
 the least and greatest changes of logarithms by which derivatives are taken then."""
@@ -135,7 +133,7 @@ class Fitted:
         """Return the fit with another noise [m] in the likelihood, at its greatest; what is expected stays the same."""
         expected = self.fit.noise if self.fit.expected_noise is None else self.fit.expected_noise
         fit = replace(self.fit, noise=noise, expected_noise=expected)
-        state, linear = fit.converge(self.state, LAST_GAIN, known=self.linear)
+        state, linear = fit.converge(self.state, self.linear)
         return replace(self, fit=fit, state=state, linear=linear)
 
     @property
@@ -156,8 +154,8 @@ class Fitted:
 
     @property
     def mean_ratio(self) -> float:
-        """Geometric mean of the ratios: a few records with a leap do not decide."""
-        return float(np.exp(np.mean(np.log(self.ratios))))
+        """Geometric mean of the ratios."""
+        return self.fit.mean_ratio(self.linear)
 
     @property
     def explains(self) -> bool:
@@ -194,20 +192,18 @@ def along_directions(found: Fitted) -> Fitted:
     squares, directions = np.linalg.eigh(covariance)
     sizes = np.clip(np.sqrt(np.maximum(squares, 0)), *DIRECTION_SIZES)
     fit = replace(found.fit, directions=directions * sizes)
-    return Fitted(fit, *fit.converge(found.state, LAST_GAIN))
+    return Fitted(fit, *fit.converge(found.state))
 
 
-def without_plant(
-    fit: RecordFit, shared: NDArray[np.float64], effective: Sequence[NDArray[np.complex128]], max_steps: int = MAX_STEPS
-) -> Fitted:
+def without_plant(fit: RecordFit, shared: NDArray[np.float64], effective: Sequence[NDArray[np.complex128]]) -> Fitted:
     """Return the fit in which each record has its own response, at first the observer's: the plant may lack a mode."""
     own = tuple(
         record.parameters_for(each, fit.start.plant) for record, each in zip(fit.records, effective, strict=True)
     )
-    return Fitted(fit, *fit.converge(State(shared, own), LAST_GAIN, max_steps))
+    return Fitted(fit, *fit.converge(State(shared, own)))
 
 
-def with_own_responses(found: Fitted, max_steps: int = MAX_STEPS) -> Fitted:
+def with_own_responses(found: Fitted) -> Fitted:
     """Return the fit in which each record has a response of its own; what all share stays that of the joint fit.
 
     The joint fit is efficient: samples that told the shared parameters once would move them off it the second time.
@@ -218,15 +214,11 @@ def with_own_responses(found: Fitted, max_steps: int = MAX_STEPS) -> Fitted:
     known = Prior(found.state.shared, information) if count else None
     stds = np.array([record.std for record in found.linear.records])
     own = replace(found.fit, has_own_forces=True, prior=known, prior_stds=stds)
-    state, linear = own.converge(found.state, LAST_GAIN, max_steps, found.linear)
+    state, linear = own.converge(found.state, found.linear)
     change_of_shared = replay_error(found.fit, found.state, found.linear).shared_change
     return Fitted(own, state, linear, replay_error(own, state, linear, change_of_shared))
 
 
-HOPELESS_RATIO, FIRST_STEPS = 10.0, 4
-"""Residual over what noise and rounding explain, from which a start is given up after its first steps."""
-NEAR_STEPS = 2 * MAX_STEPS
-"""Steps from a start that is near: elements that share a force in ways that hardly differ take many."""
 MAX_PARAMETER_STD = 0.5
 """Relative standard deviation from which records do not tell a parameter: its 95 % interval reaches 0. With half of it
 one is held that is known to a quarter."""
@@ -263,9 +255,7 @@ def joint_fit(problem: MachineProblem, starts: Sequence[MotionFit] = ()) -> tupl
     starts, found = starts or fits_along_motion(problem), list[Fitted]()
     for start in starts:
         fit = RecordFit.around(problem, start.plant)
-        found.append(_converged(problem, fit, start.shared, FIRST_STEPS))
-        if found[-1].mean_ratio < HOPELESS_RATIO or len(starts) == 1:
-            found[-1] = _converged(problem, fit, found[-1].state.shared, NEAR_STEPS)
+        found.append(_converged(problem, fit, start.shared, gives_up=len(starts) > 1))
         if found[-1].explains:
             break
     return min(found, key=lambda each: each.mean_ratio), len(found)
@@ -293,17 +283,16 @@ def least_told(found: Fitted) -> str:
 
 def _whole(problem: MachineProblem, fit: RecordFit, before: Fitted) -> Fitted:
     """Return the fit of all records with a response for each, from a joint one."""
-    steps = MAX_STEPS if before.mean_ratio < HOPELESS_RATIO else FIRST_STEPS
-    joint = along_directions(_without_untold_modes(problem, _converged(problem, fit, before.state.shared, steps)))
+    joint = along_directions(_without_untold_modes(problem, _converged(problem, fit, before.state.shared)))
     if problem.frictions:
         return replace(joint, error=replay_error(joint.fit, joint.state, joint.linear))
-    whole = with_own_responses(joint, steps)
+    whole = with_own_responses(joint)
     if whole.explains:
         return whole
     logs = before.state.shared[: len(problem.free.names)]
     observer = problem.observer_of(before.fit.free.applied_to(before.fit.start, before.state.shared))
     effective = ObservedStart.of(observer, problem.signals).effective
-    alone = without_plant(replace(fit, free=problem.free), logs, effective, steps)
+    alone = without_plant(replace(fit, free=problem.free), logs, effective)
     if alone.mean_ratio > whole.mean_ratio:
         return whole
     return replace(alone, error=replay_error(alone.fit, alone.state, alone.linear))
@@ -331,12 +320,10 @@ def _without_untold_modes(problem: MachineProblem, joint: Fitted) -> Fitted:
     return _without_untold_modes(problem, simpler) if evidence(simpler, joint) > 0 else joint
 
 
-def _converged(
-    problem: MachineProblem, fit: RecordFit, shared: NDArray[np.float64], max_steps: int = MAX_STEPS
-) -> Fitted:
+def _converged(problem: MachineProblem, fit: RecordFit, shared: NDArray[np.float64], gives_up: bool = True) -> Fitted:
     """Return the fit in which every response is that of the plant."""
     free = problem.free_of(fit.start.plant)
     joint = replace(fit, free=free, has_own_forces=False)
     missing = np.zeros(len(free.names) - shared.size)
     state = State(np.append(shared, missing), tuple(np.zeros(record.count) for record in fit.records))
-    return Fitted(joint, *joint.converge(state, LAST_GAIN, max_steps))
+    return Fitted(joint, *joint.converge(state, gives_up=gives_up))

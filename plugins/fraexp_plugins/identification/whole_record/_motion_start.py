@@ -205,7 +205,7 @@ class ScaleSearch:
         simplex = point[free] + width * np.vstack([np.zeros(free.sum()), np.eye(free.sum())])
         found = minimize(
             lambda values: float(self.costs(at(values)[None, :])[0]), point[free], method="Nelder-Mead",
-            options={"initial_simplex": simplex},
+            options={"initial_simplex": simplex, "xatol": DISTINCT / 10, "fatol": np.inf},
         )  # fmt: skip
         return float(found.fun), at(found.x)
 

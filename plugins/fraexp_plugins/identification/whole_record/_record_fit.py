@@ -35,8 +35,14 @@ LENGTHS = np.array([1.0, 0.5, 0.25, 0.1, 0.03])
 RADIUS_FACTOR, MIN_RADIUS = 2.0, 1e-3
 """Factor on the radius over the length of the step that helped, and the radius that is small enough to end. After one
 that no length makes better the radius is that of the shortest."""
-MAX_STEPS, MAX_SMALL_GAINS = 20, 3
-"""Maximum number of steps, and of those in a row that gain little."""
+MAX_STEPS, MAX_SMALL_GAINS = 40, 3
+"""Maximum number of steps, which elements take that share a force in ways that hardly differ, and of those in a row
+that gain little."""
+LAST_GAIN = 0.5
+"""Gain of the log-likelihood with which the last steps end: a standard deviation of one parameter."""
+HOPELESS_RATIO, FIRST_STEPS = 10.0, 4
+"""Residual over what noise and rounding explain, from which a start is given up after its first steps. They cost time
+alone: what they give up is no fit in 40 steps."""
 MIN_STD_RATIO, MIN_RELATIVE_STD = 0.03, 1e-6
 """Standard deviation of a position over the encoder's step, and over the motion, below which the replay errs itself."""
 MIN_RELATIVE_RESIDUAL = 1e-5
@@ -103,21 +109,23 @@ class RecordFit:
         return cls(records, problem.models_around(plant), problem.free, observer.resolution, observer.noise)
 
     def converge(
-        self, state: State, min_gain: float, max_steps: int = MAX_STEPS, known: LinearisedFit | None = None
+        self, state: State, known: LinearisedFit | None = None, gives_up: bool = True
     ) -> tuple[State, LinearisedFit]:
         """Return the state of greatest likelihood that steps from this one lead to, and the records around it.
 
-        It ends before a step that promises less than `min_gain` of the log-likelihood, unless the records are still far
-        from explained, where a shorter step may lead on a few times. `known` has the derivatives by the shared
-        parameters, where the machine is nearly the same.
+        It ends before a step that promises less than `LAST_GAIN` of the log-likelihood, unless the records are still
+        far from explained, where a shorter step may lead on a few times; and after the first steps if it `gives_up`
+        what is hopeless. `known` has the derivatives by the shared parameters, where the machine is nearly the same.
         """
         radius, small, is_exact = 1.0, 0, known is None
         state, positions = self._with_drifts(state)
         linear = self.linearise(state, positions, known)
-        for _ in range(max_steps):
-            move = self._improve(state, linear, radius, min_gain)
+        for step in range(MAX_STEPS):
+            if gives_up and step == FIRST_STEPS and self.mean_ratio(linear) > HOPELESS_RATIO:
+                break
+            move = self._improve(state, linear, radius)
             radius *= move.radius_factor
-            small = small + 1 if move.gain < min_gain else 0
+            small = small + 1 if move.gain < LAST_GAIN else 0
             if radius < MIN_RADIUS or small > MAX_SMALL_GAINS or (small and self._is_explained(linear)):
                 break
             state, positions = move.state, move.positions or positions
@@ -151,7 +159,7 @@ class RecordFit:
             own.append(values + np.concatenate([np.zeros(record.forces), drift]))
         return State(state.shared, tuple(own)), positions
 
-    def _improve(self, state: State, linear: LinearisedFit, radius: float, min_gain: float) -> "_Move":
+    def _improve(self, state: State, linear: LinearisedFit, radius: float) -> "_Move":
         """Return the best move along a step: the whole one if it gains what it promises, else one of several lengths.
 
         It stays where nothing is better, and where a step promises too little of records that are explained.
@@ -159,7 +167,7 @@ class RecordFit:
         shared, own = self._radii(radius)
         step = fit_linear(linear.records, shared, own, self._prior_around(state))
         stay = _Move(state, [], 0.0, RADIUS_FACTOR * LENGTHS[-1])
-        if step.gain < min_gain and self._is_explained(linear):
+        if step.gain < LAST_GAIN and self._is_explained(linear):
             return stay._replace(radius_factor=1.0)
         relative = [
             np.abs(a / b).max(initial=0.0) for a, b in zip((step.shared, *step.own), (shared, *own), strict=True)
@@ -333,6 +341,10 @@ class RecordFit:
     def residual_ratios(self, linear: LinearisedFit) -> NDArray[np.float64]:
         """Return the residual of each record over what noise, rounding and its own change explain, shape (records,)."""
         return self._ratios([each.residual for each in linear.records])
+
+    def mean_ratio(self, linear: LinearisedFit) -> float:
+        """Return the geometric mean of the ratios: a few records with a leap do not decide."""
+        return float(np.exp(np.mean(np.log(self.residual_ratios(linear)))))
 
     def predicted_ratios(self, shared: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the same of records that shared parameters predict: all but their drift, shape (records,)."""
