@@ -34,6 +34,9 @@ UNIT_EXCESS, START_RATIO = 0.2, 0.6
 """Static over Coulomb force, less 1, and elastic limit over the width, of a law at its start."""
 
 
+LawKey = tuple[str, bytes, bytes, float]
+
+
 @dataclass(frozen=True)
 class LawColumns:
     """The columns of force of a law [N] per newton of their size: those that keep their force in sliding come first.
@@ -56,6 +59,11 @@ class LawColumns:
     def name(self) -> str:
         """Name of the friction law."""
         return self.unit.name
+
+    @property
+    def key(self) -> LawKey:
+        """What the forces along a motion depend on."""
+        return repr(self.unit), self.shape.tobytes(), self.thresholds.tobytes(), self.lowest_rate
 
     @cached_property
     def numbers(self) -> LawNumbers:

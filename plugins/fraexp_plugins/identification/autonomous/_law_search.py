@@ -25,7 +25,6 @@ class LawSearch:
 
     def __init__(self, records: LineRecords, law: LawColumns, is_delayed: bool) -> None:
         self.records, self.law_at_start, self._is_delayed = records, law, is_delayed
-        self._known: tuple[bytes | None, NDArray[np.complex128]] = (None, np.empty(0, dtype=complex))
 
     def values(self, law: LawColumns, dead_time: float) -> NDArray[np.float64]:
         """Return the values of a law of this family, and a dead time [s]."""
@@ -41,10 +40,8 @@ class LawSearch:
 
     def solve(self, values: NDArray[np.float64], held: float | None = None) -> LawSolution:
         """Return the sizes and residuals; with `held` the Coulomb force is that [N]."""
-        key = values[1:].tobytes()
-        if self._known[0] != key:  # the dead time has no effect on the forces
-            self._known = key, self.records.deflection(self.law(values))
-        return self.records.solve(self.law_at_start, self._known[1], self.dead_time(values), held)
+        law = self.law(values)
+        return self.records.solve(law, self.records.deflection(law), self.dead_time(values), held)
 
     def cost(self, values: NDArray[np.float64], held: float | None = None) -> float:
         """Return the sum of squares."""

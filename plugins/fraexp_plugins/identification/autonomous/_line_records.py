@@ -14,7 +14,7 @@ from fraexp_plugins.estimators._shared.realisations import mean
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification._shared.least_squares import HeldSum, solve_non_negative
 from fraexp_plugins.identification._shared.usable_records import with_harmonics
-from fraexp_plugins.identification.autonomous._law_columns import LawColumns
+from fraexp_plugins.identification.autonomous._law_columns import LawColumns, LawKey
 
 FREQUENCY_TOLERANCE = 1e-4
 """Relative difference up to which two frequencies are equal."""
@@ -33,8 +33,8 @@ PRIOR_FORCE_RATIO = 0.3
 FREE_BODY_RANGE, FREE_BODY_TERMS = 3.05, 4
 """Frequencies over the lowest one up to which an axis may be a free body (the third harmonic of the lowest one too),
 and terms of the power series of 1/P there."""
-COLUMNS_AT_ONCE = 16
-"""Columns whose forces are in memory."""
+COLUMNS_AT_ONCE, KEPT_BYTES = 16, 2**26
+"""Columns whose forces are in memory, and size of the phasors that are kept."""
 
 
 class LinearProblem(NamedTuple):
@@ -94,6 +94,8 @@ class LineRecords:
     """E|e|² of G U - F - Y/P [N²], shape (L, M)."""
     free_lines: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     """Places of lines far below the first mode, where 1/P is that of a free body, shape (K,)."""
+    driven: dict[LawKey, NDArray[np.complex128]] = field(default_factory=dict, repr=False)
+    """Phasors of the laws that were driven last, for all weights of these records."""
 
     @classmethod
     def of(cls, signals: Signals, observer: EffectiveInput, model_error: float) -> "LineRecords":
@@ -194,10 +196,19 @@ class LineRecords:
         """
         return replace(self, free_lines=np.flatnonzero(self.frequency <= FREE_BODY_RANGE * self.frequency.min()))
 
-    def deflection(self, law: LawColumns, motions: Sequence[Motion] = ()) -> NDArray[np.complex128]:
+    def deflection(self, law: LawColumns) -> NDArray[np.complex128]:
         """Return the phasors of each column [N/N], complex, shape (L, M, N)."""
+        found = self.driven.pop(law.key, None)
+        if found is None:
+            found = self._drive(law)
+            while sum(each.nbytes for each in self.driven.values()) > KEPT_BYTES:
+                del self.driven[next(iter(self.driven))]
+        self.driven[law.key] = found
+        return found
+
+    def _drive(self, law: LawColumns) -> NDArray[np.complex128]:
         found = np.zeros((*self.thrust.shape, law.is_coulomb.size), dtype=complex)
-        columns, begin = law.forces(motions or self.motions), 0
+        columns, begin = law.forces(self.motions), 0
         while part := list(islice(columns, COLUMNS_AT_ONCE)):
             for place, (rows, record) in self.places():
                 sums = fourier_sums(np.stack([column[place] for column in part]), self.signals.segments[place].lines)
