@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.identification.autonomous._identified_plant import InverseResponse, identify_plant
-from fraexp_plugins.identification.autonomous._law_interval import sum_interval
 from fraexp_plugins.identification.autonomous._law_report import MAX_FALL
+from fraexp_plugins.identification.autonomous._law_search import sum_interval
 from fraexp_plugins.identification.autonomous.plant_and_friction import PlantAndFriction
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal

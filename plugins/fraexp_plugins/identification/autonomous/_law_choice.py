@@ -10,29 +10,34 @@ from numpy.typing import NDArray
 
 from fraexp.api import FraexpError, FrictionModel, RecordError, Signals
 from fraexp_plugins.estimators.effective_input import EffectiveInput
-from fraexp_plugins.identification.autonomous._law_columns import LawColumns, elements_law, laws_of_fraexp, unit_law
-from fraexp_plugins.identification.autonomous._law_interval import (
+from fraexp_plugins.identification.autonomous._law_columns import (
+    ELEMENT_RANGE,
+    START_EXCESS,
+    LawColumns,
+    elements_law,
+    laws_of_fraexp,
+    unit_law,
+)
+from fraexp_plugins.identification.autonomous._law_search import (
     INTERVAL_STDS,
+    LawSearch,
     LawUncertainty,
     law_uncertainty,
     profile_interval,
 )
-from fraexp_plugins.identification.autonomous._law_search import LawSearch
 from fraexp_plugins.identification.autonomous._line_records import LineRecords, some_frequencies
 
 SEARCH_STEP, SEARCH_OVERSAMPLING = 3, 2
 """Every third frequency is taken in the search for a law, and that many points per sample; all of them judge it."""
 THRESHOLD_COUNTS = 80, 40
 """Numbers of thresholds of rolling elements, and of others."""
-THRESHOLD_RANGE = (1e-5, 0.9)
-"""Range of thresholds over the largest motion."""
 START_WIDTHS, START_VELOCITIES = np.geomspace(1e-4, 0.16, 9), ((3e-3, 3e-2), (0.1, 0.3, 1.0))
 """Widths over the largest motion, and Stribeck over largest velocities, at which a search may begin, and those at which
 a second one does where the first has led to no good law: weakening in fast sliding alone looks like none."""
 START_RELAXATIONS = (0.03, 0.15, 0.75, 3.0, 12.0)
 """Relaxation times over the sample time, one of which is taken: up to 1.7 times as long ones are made of it."""
-START_RATES_S, START_EXCESS = (10.0, 60.0), 0.2
-"""Rates of attraction over the Coulomb force [1/s], and static over Coulomb force less 1, at which a search begins."""
+START_RATES_S = (10.0, 60.0)
+"""Rates of attraction over the Coulomb force [1/s] at which a search begins."""
 START_DEAD_TIMES = (0.5, 1.5, 3.0, 5.0)
 """Dead times at which a search may begin [samples]."""
 GOOD, ACCEPTABLE = 1.5, 2.0
@@ -184,7 +189,7 @@ class LawSelection:
     ) -> Iterator[tuple[LawColumns, list[list[NDArray[np.float64]]]]]:
         """Yield laws of some shape, the cheapest ones first, and the shapes at which each search may begin."""
         largest, velocity = self._bare.swing, self._bare.speed
-        some, few = (largest * np.geomspace(*THRESHOLD_RANGE, count) for count in THRESHOLD_COUNTS)
+        some, few = (largest * np.geomspace(*ELEMENT_RANGE, count) for count in THRESHOLD_COUNTS)
         elements = LawColumns(elements_law(is_any), np.empty(0), some)
         times = [ratio * self._bare.sample_time for ratio in START_RELAXATIONS] if is_any else [1.0]
         yield elements, [[elements.starting_at({"N s/m": time}) for time in times]]

@@ -26,11 +26,13 @@ REFINEMENT, MIN_SHARE = 4, 1e-5
 """Parts of the gaps between an element's threshold and its neighbours, and least share of its force."""
 SLOW_STEP_S = 1e3
 """Time step of a slow displacement."""
+ELEMENT_RANGE = (1e-5, 0.9)
+"""Range of thresholds over the largest motion, and that of a virgin curve."""
 LEAST_FORCE = 1e-12
 """Least force of a model [N]: that of records without friction is 0."""
 NO_DAMPING = 1e-9
 """Damping over that of a unit column, of a law whose damper is a column of its own."""
-UNIT_EXCESS, START_RATIO = 0.2, 0.6
+START_EXCESS, START_RATIO = 0.2, 0.6
 """Static over Coulomb force, less 1, and elastic limit over the width, of a law at its start."""
 
 
@@ -222,7 +224,7 @@ def laws_of_fraexp(velocity: float) -> tuple[FrictionModel, ...]:
 
     The damper of bristles makes a force of 1 N, too, where they bend at `velocity` [m/s].
     """
-    stribeck = {"coulomb_force": 1.0, "static_force": 1 + UNIT_EXCESS, "stribeck_velocity": velocity}
+    stribeck = {"coulomb_force": 1.0, "static_force": 1 + START_EXCESS, "stribeck_velocity": velocity}
     bristles = {"bristle_stiffness": 1.0, "bristle_damping": 1 / velocity, **stribeck}
     return (
         Dahl(stiffness=1.0, coulomb_force=1.0),

@@ -10,16 +10,15 @@ from numpy.typing import NDArray
 from fraexp.api import NORMAL_QUANTILE, Curve, Finding, Fit, FrictionModel, Metric, Outcome, Quantity, Result, Signals
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
 from fraexp_plugins.estimators._shared.realisations import Part, circular_covariance, combine_parts
-from fraexp_plugins.identification._shared.friction_curves import virgin_curve
+from fraexp_plugins.identification._shared.friction_curves import VIRGIN_CURVE_POINTS, virgin_curve
 from fraexp_plugins.identification._shared.law_numbers import unit_of_field
 from fraexp_plugins.identification.autonomous._identified_plant import IdentifiedPlant, InverseResponse, square_root
 from fraexp_plugins.identification.autonomous._law_choice import LawChoice
+from fraexp_plugins.identification.autonomous._law_columns import ELEMENT_RANGE
 from fraexp_plugins.identification.autonomous._line_records import LawSolution
 
 RELATIVE_DIFFERENCE = 1e-4
 """Relative difference for derivatives."""
-CURVE_POINTS, CURVE_RANGE = 60, (1e-5, 0.9)
-"""Points of the virgin curve, and their range over the largest motion."""
 WIDTH_FORCE_RATIO = 1 - np.exp(-1)
 """Part of the Coulomb force at the width of a virgin curve."""
 MAX_GAIN_ERROR, MAX_MODE_ERROR, MAX_FORCE_ERROR = 0.01, 0.2, 0.03
@@ -212,7 +211,7 @@ class LawReport:
         order = np.argsort(frequency, kind="stable")
         columns = {"frequency": frequency[order], **{name: each[order] for name, each in self.scatters.items()}}
         agreement = Curve("agreement of the records", columns, dict.fromkeys(columns, "1") | {"frequency": "Hz"})
-        x = self.found.choice.records.swing * np.geomspace(*CURVE_RANGE, CURVE_POINTS)
+        x = self.found.choice.records.swing * np.geomspace(*ELEMENT_RANGE, VIRGIN_CURVE_POINTS)
         return virgin_curve(x, *self.found.virgin_curve(x)), agreement
 
     def friction(self) -> Fit:
@@ -272,6 +271,6 @@ class LawReport:
 
     def _width(self) -> float:
         """Return the displacement [m] at which the virgin curve reaches 1 - 1/e of its force."""
-        x = np.append(0.0, self.found.choice.records.swing * np.geomspace(*CURVE_RANGE, 10 * CURVE_POINTS))
+        x = np.append(0.0, self.found.choice.records.swing * np.geomspace(*ELEMENT_RANGE, 10 * VIRGIN_CURVE_POINTS))
         force = np.append(0.0, self.found.virgin_curve(x[1:])[0])
         return float(np.interp(WIDTH_FORCE_RATIO * force[-1], force, x))

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fraexp.api import Curve, Finding, Fit, Metric, Outcome, Quantity, Result, Signals
 from fraexp_plugins.friction._shared.element_model import ElementModel
-from fraexp_plugins.identification._shared.friction_curves import force_over_velocity, virgin_curve
+from fraexp_plugins.identification._shared.friction_curves import VIRGIN_CURVE_POINTS, force_over_velocity, virgin_curve
 from fraexp_plugins.identification.friction._friction_fit import MAX_ERROR, FrictionFit
 from fraexp_plugins.identification.friction._friction_rows import TERM_UNITS
 
@@ -18,7 +18,6 @@ MIN_DEFLECTION_STEPS = 10.0
 MIN_CURVATURE_STDS, MIN_CURVATURE = 4.0, 0.05
 """Standard deviations of a quadratic term, and its part of the viscous force at the largest speed, from which friction
 is not linear in the velocity."""
-VIRGIN_CURVE_POINTS = 60
 MAX_CURVE_SAMPLES = 2000
 """Samples of the curve of forces."""
 TITLES = {"viscous": "viscous coefficient", "asymmetry": "viscous asymmetry", "coulomb_force": "Coulomb force"}
