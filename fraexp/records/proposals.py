@@ -27,7 +27,7 @@ from fraexp.records.cutting import find_runs
 from fraexp.records.record_files import FILE_SIGN, existing_file, find_reader, list_remarks, read_columns
 from fraexp.records.repeats import detect_period
 from fraexp.records.resampling import plan_clock, resample
-from fraexp.records.stated_response import is_response_unit
+from fraexp.records.stated_response import CARTESIAN, POLAR, is_response_unit
 from fraexp.records.timebase import examine_stamps, sample_rate_of, stamps_text
 
 LOWEST_LINES = 3
@@ -78,7 +78,6 @@ MIN_STEP_SAMPLES = 50
 """Mean number of samples from which a column of frequencies is that of a stepped sine."""
 MAX_RADIANS, MIN_DEGREES = 7.0, 30.0
 """Largest phase up to which it is in radians, and from which it is in degrees, if nothing states its unit."""
-POLAR, CARTESIAN = ("magnitude", "phase"), ("real", "imaginary")
 
 
 @dataclass
@@ -106,12 +105,12 @@ class Proposal:
 
 def propose_import(file: Path, found: Sequence[FileContent], registry: Registry) -> Proposal:
     """Return the command that imports a file, as far as names, units and values support one."""
-    proposal = Proposal(["fraexp", "import", str(file)])
-    signals = [one for one in found if one.size > 1]
-    if not _propose_response(proposal, file, signals, registry):
-        _propose_record(proposal, file, signals, found, registry)
-    proposal.findings += list_remarks(file, registry)
-    return proposal
+    path = existing_file(file)
+    source = _Source(path, find_reader("", path, registry), found, Proposal(["fraexp", "import", str(file)]))
+    if not source.propose_response():
+        source.propose_record()
+    source.proposal.findings += list_remarks(file, registry)
+    return source.proposal
 
 
 def propose_join(found: Mapping[Path, Sequence[FileContent]]) -> Proposal:
@@ -125,8 +124,7 @@ def propose_join(found: Mapping[Path, Sequence[FileContent]]) -> Proposal:
         if one.size > 1
     ]
     inputs, outputs = _inputs_and_outputs([one for one in signals if one.guess != "time"])
-    _propose_input(proposal, inputs[0] if len(inputs) == 1 else None, inputs, [])
-    _propose_outputs(proposal, outputs, [])
+    _propose_channels(proposal, inputs, outputs, [])
     proposal.words.append("--join-files")
     if len({one.size for one in (*inputs, *outputs)}) > 1:
         proposal.words += ["--resample", "cubic"]
@@ -135,53 +133,21 @@ def propose_join(found: Mapping[Path, Sequence[FileContent]]) -> Proposal:
     return proposal
 
 
-def _propose_response(proposal: Proposal, file: Path, signals: Sequence[FileContent], registry: Registry) -> bool:
-    """Propose the import of a response over frequency; False if the file has no such columns."""
-    best = {role: _best(signals, role) for role in ("frequency", *POLAR, *CARTESIAN, "coherence")}
-    pair = next((pair for pair in (POLAR, CARTESIAN) if all(best[role] for role in pair)), None)
-    if pair is None or not best["frequency"] or _best(signals, "time"):
-        return False
-    for role in ("frequency", *pair, *(("coherence",) if best["coherence"] else ())):
-        one = best[role][0]
-        unit = "" if _states_unit(one) else _response_unit(proposal, role, one, file, registry)
-        written = column_text(one.name)
-        proposal.add_channel(role, f"{written} [{unit}]" if unit else written, one if unit == "UNIT" else None)
-    stated = best[pair[0]][0].unit.strip()
-    if is_response_unit(stated):
-        proposal.words += ["--unit", stated]
-        return True
-    proposal.words += ["--unit", "OUTPUT/INPUT"]
-    proposal.needs.append("the unit of the response is unknown: replace OUTPUT/INPUT, such as mm/N")
-    return True
-
-
-def _states_unit(one: FileContent) -> bool:
-    return is_usable_unit(one.unit) or one.unit.lower() == "db"
-
-
-def _response_unit(proposal: Proposal, role: str, one: FileContent, file: Path, registry: Registry) -> str:
-    """Return the unit of a column of a response that states none; empty for a ratio, UNIT if nothing shows it.
-
-    The values show it where the name does not: a ratio is not negative, and degrees are more than a few.
-    """
-    ending = re.split(r"[_ ]", one.name.lower())[-1]
-    if role == "frequency":
-        by_name = "Hz" if ending in ("hz", "f") else "kHz" if ending == "khz" else ""
-        return by_name or ("rad/s" if ANGULAR_FREQUENCY.fullmatch(one.name.rpartition(".")[2]) else "UNIT")
-    if role not in POLAR:
-        return ""
-    path = existing_file(file)
-    values = find_reader("", path, registry).read(path, [one.name]).columns[one.name]
-    if role == "magnitude":
-        is_decibel = "db" in one.name.lower() or bool((values < 0).any())
-        return "dB" if is_decibel else ""
-    if ending in ("deg", "rad"):
-        return ending
-    largest = float(np.abs(values).max())
-    unit = "rad" if largest < MAX_RADIANS else "deg" if largest > MIN_DEGREES else "UNIT"
-    if unit != "UNIT":
-        proposal.findings.append(f"'{one.name}' reaches {largest:.3g}: it is taken for {unit}")
-    return unit
+def _propose_channels(
+    proposal: Proposal, inputs: Sequence[FileContent], outputs: Sequence[FileContent], level: Sequence[str]
+) -> None:
+    if len(inputs) == 1:
+        proposal.add_channel("u", _with_level(inputs[0].quantity, level), inputs[0])
+    else:
+        proposal.add_channel("u", "COLUMN [UNIT]")
+        names = " or ".join(f"'{one.name}'" for one in inputs[:MAX_OUTPUTS])
+        reason = f"the input may be {names}" if inputs else "no name or unit shows the input"
+        proposal.needs.append(f"{reason}: replace the COLUMN of u")
+    for number, one in enumerate(outputs[:MAX_OUTPUTS], start=1):
+        proposal.add_channel("y" if number == 1 else f"y{number}", _with_level(one.quantity, level), one)
+    if not outputs:
+        proposal.add_channel("y", "COLUMN [UNIT]")
+        proposal.needs.append("no name or unit shows the output: replace the COLUMN of y")
 
 
 def _best(signals: Sequence[FileContent], role: str) -> list[FileContent]:
@@ -189,50 +155,6 @@ def _best(signals: Sequence[FileContent], role: str) -> list[FileContent]:
     able = [one for one in signals if one.guess == role]
     highest = max((one.score for one in able), default=0)
     return [one for one in able if one.score == highest]
-
-
-def _propose_record(
-    proposal: Proposal,
-    file: Path,
-    signals: Sequence[FileContent],
-    found: Sequence[FileContent],
-    registry: Registry,
-) -> None:
-    alike = _matrix_columns(_longest(signals))
-    inputs, outputs = _inputs_and_outputs(alike)
-    if not inputs or not outputs:  # the other one may have a clock of its own
-        inputs, outputs = _inputs_and_outputs(signals) if len(signals) > 1 else (inputs, outputs)
-    level = _common_levels(inputs, outputs, found)
-    if level:
-        inputs, outputs = inputs[:1], outputs[:1]
-    chosen = inputs[0] if len(inputs) == 1 else None
-    _propose_input(proposal, chosen, inputs, level)
-    _propose_outputs(proposal, outputs, level)
-    for name, role in (("reference", "r"), ("excitation", "excitation")):
-        for one in [one for one in _best(alike, role) if chosen is None or one.size == chosen.size][:1]:
-            proposal.add_channel(name, one.quantity, one)
-    proposal.words += [part for number in level for part in ("--level", number)]
-    _propose_clock(proposal, file, chosen, [*inputs, *outputs], found, registry)
-
-
-def _propose_input(
-    proposal: Proposal, chosen: FileContent | None, inputs: Sequence[FileContent], level: Sequence[str]
-) -> None:
-    if chosen:
-        proposal.add_channel("u", _with_level(chosen.quantity, level), chosen)
-        return
-    proposal.add_channel("u", "COLUMN [UNIT]")
-    names = " or ".join(f"'{one.name}'" for one in inputs[:MAX_OUTPUTS])
-    reason = f"the input may be {names}" if inputs else "no name or unit shows the input"
-    proposal.needs.append(f"{reason}: replace the COLUMN of u")
-
-
-def _propose_outputs(proposal: Proposal, outputs: Sequence[FileContent], level: Sequence[str]) -> None:
-    for number, one in enumerate(outputs[:MAX_OUTPUTS], start=1):
-        proposal.add_channel("y" if number == 1 else f"y{number}", _with_level(one.quantity, level), one)
-    if not outputs:
-        proposal.add_channel("y", "COLUMN [UNIT]")
-        proposal.needs.append("no name or unit shows the output: replace the COLUMN of y")
 
 
 def _longest(signals: Sequence[FileContent]) -> list[FileContent]:
@@ -281,164 +203,204 @@ def _with_level(text: str, level: Sequence[str]) -> str:
     return text if match is None else f"{match['head']}{{level}}{match['tail']}{text[match.end() :]}"
 
 
-def _propose_clock(
-    proposal: Proposal,
-    file: Path,
-    chosen: FileContent | None,
-    used: Sequence[FileContent],
-    found: Sequence[FileContent],
-    registry: Registry,
-) -> None:
-    """Propose sample rate and period."""
-    path = existing_file(file)
-    reader = find_reader("", path, registry)
-    names = [one.column for one in used] or [one.column for one in found if one.size > 1][:1]
-    if not names:
-        return
-    try:
-        table = read_columns(reader, path, set(names))
-    except RecordError as error:
-        proposal.needs.append(str(error))
-        return
-    if table.sample_time is None and not table.times:
-        _propose_rate(proposal, path, reader, used, found)
-    if chosen is not None:
-        _propose_period(proposal, path, reader, chosen, table, found)
+@dataclass(frozen=True)
+class _Source:
+    """A file with its variables, for which a command is proposed."""
 
+    path: Path
+    reader: RecordReader
+    found: Sequence[FileContent]
+    proposal: Proposal
 
-def _propose_rate(
-    proposal: Proposal,
-    path: Path,
-    reader: RecordReader,
-    used: Sequence[FileContent],
-    found: Sequence[FileContent],
-) -> None:
-    size = used[0].size if used else max(one.size for one in found)
-    time = _time_column(found, size)
-    if time is not None:
-        unit = clock_unit(time.name, reader.read(path, [time.column]).columns[time.column])
-        proposal.words += ["--time", column_text(time.column) + ("" if is_usable_unit(time.unit) else f" [{unit}]")]
-        return
-    for one in found:
-        if one.guess in CLOCK_ROLES:
-            value = float(reader.read(path, [one.name]).columns[one.name][0])
-            rate = value if one.guess == "sample rate" else 1 / value if value else 0.0
-            if rate > 0:
-                proposal.words += ["--sample-rate", f"{rate:.10g}"]
-                return
-    proposal.words += ["--sample-rate", "HZ"]
-    proposal.needs.append("the file does not state the sample rate: replace HZ")
+    @property
+    def signals(self) -> list[FileContent]:
+        """Its variables of several values."""
+        return [one for one in self.found if one.size > 1]
 
+    def values(self, name: str) -> NDArray[np.float64]:
+        """Return the numbers of a variable."""
+        return self.reader.read(self.path, [name]).columns[name]
 
-def _time_column(found: Sequence[FileContent], size: int) -> FileContent | None:
-    """Return the column of time stamps; one without a unit only if no number of the file states the rate instead."""
-    time = next((one for one in _best(found, "time") if one.size == size), None)
-    is_stated = any(one.guess in CLOCK_ROLES for one in found)
-    return None if time is None or (is_stated and not time.has_unit) else time
+    def propose_response(self) -> bool:
+        """Propose the import of a response over frequency; False if the file has no such columns."""
+        proposal, signals = self.proposal, self.signals
+        best = {role: _best(signals, role) for role in ("frequency", *POLAR, *CARTESIAN, "coherence")}
+        pair = next((pair for pair in (POLAR, CARTESIAN) if all(best[role] for role in pair)), None)
+        if pair is None or not best["frequency"] or _best(signals, "time"):
+            return False
+        for role in ("frequency", *pair, *(("coherence",) if best["coherence"] else ())):
+            one = best[role][0]
+            states_unit = is_usable_unit(one.unit) or one.unit.lower() == "db"
+            unit = "" if states_unit else self._response_unit(role, one)
+            written = column_text(one.name)
+            proposal.add_channel(role, f"{written} [{unit}]" if unit else written, one if unit == "UNIT" else None)
+        stated = best[pair[0]][0].unit.strip()
+        is_known = is_response_unit(stated)
+        proposal.words += ["--unit", stated if is_known else "OUTPUT/INPUT"]
+        if not is_known:
+            proposal.needs.append("the unit of the response is unknown: replace OUTPUT/INPUT, such as mm/N")
+        return True
 
+    def _response_unit(self, role: str, one: FileContent) -> str:
+        """Return the unit of a column of a response that states none; empty for a ratio, UNIT if nothing shows it.
 
-def _propose_period(
-    proposal: Proposal,
-    path: Path,
-    reader: RecordReader,
-    chosen: FileContent,
-    table: RecordTable,
-    found: Sequence[FileContent],
-) -> None:
-    sides = [side for side in chosen.shape if side > 1]
-    if len(sides) > 1:
-        proposal.words += ["--samples-per-period", str(max(sides))]
-        return
-    if _propose_steps(proposal, path, reader, chosen, found):
-        return
-    values, rate = table.columns[chosen.column], None
-    time = _time_of(chosen, table, path, reader, found)
-    if time is not None:
-        values, rate = _even_values(proposal, values, time, table)
-    period = detect_period(values)
-    if period is None:
-        proposal.words += [
-            "--aperiodic",
-            "--estimator",
-            "friction_identification",
-            "--set",
-            'estimator.laws=["coulomb"]',
-        ]
-        proposal.findings.append(f"'{chosen.name}' does not repeat itself")
-        return
-    every = f"every {period} samples" + (f" ({period / rate:.6g} s)" if rate else "")
-    proposal.findings.append(f"'{chosen.name}' repeats {every}, by its autocorrelation")
-    if time is None:
-        _find_opposite_outputs(proposal, chosen, table, found, period)
-    if "--resample" in proposal.words and rate:
-        proposal.words += ["--period-time", f"{period / rate:.6g}"]
-    else:
-        proposal.words += ["--samples-per-period", str(period)]
+        The values show it where the name does not: a ratio is not negative, and degrees are more than a few.
+        """
+        ending = re.split(r"[_ ]", one.name.lower())[-1]
+        if role == "frequency":
+            by_name = "Hz" if ending in ("hz", "f") else "kHz" if ending == "khz" else ""
+            return by_name or ("rad/s" if ANGULAR_FREQUENCY.fullmatch(one.name.rpartition(".")[2]) else "UNIT")
+        if role not in POLAR:
+            return ""
+        values = self.values(one.name)
+        if role == "magnitude":
+            is_decibel = "db" in one.name.lower() or bool((values < 0).any())
+            return "dB" if is_decibel else ""
+        if ending in ("deg", "rad"):
+            return ending
+        largest = float(np.abs(values).max())
+        unit = "rad" if largest < MAX_RADIANS else "deg" if largest > MIN_DEGREES else "UNIT"
+        if unit != "UNIT":
+            self.proposal.findings.append(f"'{one.name}' reaches {largest:.3g}: it is taken for {unit}")
+        return unit
 
+    def propose_record(self) -> None:
+        """Propose the import of samples over time."""
+        proposal, signals = self.proposal, self.signals
+        alike = _matrix_columns(_longest(signals))
+        inputs, outputs = _inputs_and_outputs(alike)
+        if not inputs or not outputs:  # the other one may have a clock of its own
+            inputs, outputs = _inputs_and_outputs(signals) if len(signals) > 1 else (inputs, outputs)
+        level = _common_levels(inputs, outputs, self.found)
+        if level:
+            inputs, outputs = inputs[:1], outputs[:1]
+        chosen = inputs[0] if len(inputs) == 1 else None
+        _propose_channels(proposal, inputs, outputs, level)
+        for name, role in (("reference", "r"), ("excitation", "excitation")):
+            for one in [one for one in _best(alike, role) if chosen is None or one.size == chosen.size][:1]:
+                proposal.add_channel(name, one.quantity, one)
+        proposal.words += [part for number in level for part in ("--level", number)]
+        self._propose_clock(chosen, [*inputs, *outputs])
 
-def _propose_steps(
-    proposal: Proposal, path: Path, reader: RecordReader, chosen: FileContent, found: Sequence[FileContent]
-) -> bool:
-    """Propose the frequencies of a stepped sine; False if no column holds them, each for a while."""
-    column = next((one.column for one in _best(found, "frequency") if one.size == chosen.size), None)
-    if column is None:
-        return False
-    values = reader.read(path, [column]).columns[column]
-    runs = find_runs(values)
-    if not runs or len(runs) * MIN_STEP_SAMPLES > chosen.size:
-        return False
-    steps = sorted({float(values[start]) for start, _ in runs})
-    proposal.words += ["--frequency", column_text(column)]
-    proposal.findings.append(
-        f"'{column}' is constant for a while at {len(steps)} values: it is a stepped sine's frequency"
-    )
-    return True
-
-
-def _find_opposite_outputs(
-    proposal: Proposal, chosen: FileContent, table: RecordTable, found: Sequence[FileContent], period: int
-) -> None:
-    """Say which outputs move against each other at the lowest frequencies."""
-    alike = [one for one in _inputs_and_outputs(found)[1] if one.column in table.columns]
-    columns = {one.column: table.columns[one.column] for one in (chosen, *alike)}
-    for first, other in opposite_pairs(columns, chosen.column, period):
-        proposal.findings.append(
-            f"'{other}' moves against '{first}' at the lowest frequencies: if both should count in one direction, "
-            f"write '{other} * -1' for it"
-        )
-
-
-def _time_of(
-    chosen: FileContent, table: RecordTable, path: Path, reader: RecordReader, found: Sequence[FileContent]
-) -> NDArray[np.float64] | None:
-    """Return the time stamps of the input [s], if the file has some."""
-    if chosen.column in table.times:
-        return table.times[chosen.column]
-    of = _time_column(found, chosen.size)
-    if of is None or table.sample_time is not None:
-        return None
-    values = reader.read(path, [of.column]).columns[of.column]
-    unit = of.unit.strip() if is_usable_unit(of.unit) else clock_unit(of.name, values)
-    return np.asarray(values * si_unit(unit, path.name)[0])
-
-
-def _even_values(
-    proposal: Proposal, values: NDArray[np.float64], time: NDArray[np.float64], table: RecordTable
-) -> tuple[NDArray[np.float64], float | None]:
-    """Return the input at even instants, and its rate [Hz]; say what its time stamps show."""
-    several = len({stamps.size for stamps in table.times.values()}) > 1
-    try:
-        rate = sample_rate_of(time, "the time")
-        if not several:
-            return values, rate
-        proposal.findings.append("the channels have several sample rates")
-    except RecordError as error:
+    def _propose_clock(self, chosen: FileContent | None, used: Sequence[FileContent]) -> None:
+        """Propose sample rate and period."""
+        names = [one.column for one in used] or [one.column for one in self.signals][:1]
+        if not names:
+            return
         try:
-            clock = plan_clock({"input": time}, None, None, "cubic", "the file")
-        except RecordError:
-            proposal.needs.append(str(error))
-            return values, None
-        proposal.findings.append(stamps_text(examine_stamps(time)))
-        values, rate = resample(values, time, clock), clock.rate
-    proposal.words += ["--resample", "cubic"]
-    return values, rate
+            table = read_columns(self.reader, self.path, set(names))
+        except RecordError as error:
+            self.proposal.needs.append(str(error))
+            return
+        if table.sample_time is None and not table.times:
+            self._propose_rate(used[0].size if used else max(one.size for one in self.found))
+        if chosen is not None:
+            self._propose_period(chosen, table)
+
+    def _propose_rate(self, size: int) -> None:
+        time = self._time_column(size)
+        if time is not None:
+            unit = clock_unit(time.name, self.values(time.column))
+            stated = "" if is_usable_unit(time.unit) else f" [{unit}]"
+            self.proposal.words += ["--time", column_text(time.column) + stated]
+            return
+        for one in self.found:
+            if one.guess in CLOCK_ROLES:
+                value = float(self.values(one.name)[0])
+                rate = value if one.guess == "sample rate" else 1 / value if value else 0.0
+                if rate > 0:
+                    self.proposal.words += ["--sample-rate", f"{rate:.10g}"]
+                    return
+        self.proposal.words += ["--sample-rate", "HZ"]
+        self.proposal.needs.append("the file does not state the sample rate: replace HZ")
+
+    def _time_column(self, size: int) -> FileContent | None:
+        """Return the column of time stamps; one without a unit only if no number of the file states the rate."""
+        time = next((one for one in _best(self.found, "time") if one.size == size), None)
+        is_stated = any(one.guess in CLOCK_ROLES for one in self.found)
+        return None if time is None or (is_stated and not time.has_unit) else time
+
+    def _propose_period(self, chosen: FileContent, table: RecordTable) -> None:
+        proposal = self.proposal
+        sides = [side for side in chosen.shape if side > 1]
+        if len(sides) > 1:
+            proposal.words += ["--samples-per-period", str(max(sides))]
+            return
+        if self._propose_steps(chosen):
+            return
+        values, rate = table.columns[chosen.column], None
+        time = self._time_of(chosen, table)
+        if time is not None:
+            values, rate = self._even_values(values, time, table)
+        period = detect_period(values)
+        if period is None:
+            friction = ["--estimator", "friction_identification", "--set", 'estimator.laws=["coulomb"]']
+            proposal.words += ["--aperiodic", *friction]
+            proposal.findings.append(f"'{chosen.name}' does not repeat itself")
+            return
+        every = f"every {period} samples" + (f" ({period / rate:.6g} s)" if rate else "")
+        proposal.findings.append(f"'{chosen.name}' repeats {every}, by its autocorrelation")
+        if time is None:
+            self._find_opposite_outputs(chosen, table, period)
+        if "--resample" in proposal.words and rate:
+            proposal.words += ["--period-time", f"{period / rate:.6g}"]
+        else:
+            proposal.words += ["--samples-per-period", str(period)]
+
+    def _propose_steps(self, chosen: FileContent) -> bool:
+        """Propose the frequencies of a stepped sine; False if no column holds them, each for a while."""
+        column = next((one.column for one in _best(self.found, "frequency") if one.size == chosen.size), None)
+        if column is None:
+            return False
+        values = self.values(column)
+        runs = find_runs(values)
+        if not runs or len(runs) * MIN_STEP_SAMPLES > chosen.size:
+            return False
+        steps = sorted({float(values[start]) for start, _ in runs})
+        self.proposal.words += ["--frequency", column_text(column)]
+        self.proposal.findings.append(
+            f"'{column}' is constant for a while at {len(steps)} values: it is a stepped sine's frequency"
+        )
+        return True
+
+    def _find_opposite_outputs(self, chosen: FileContent, table: RecordTable, period: int) -> None:
+        """Say which outputs move against each other at the lowest frequencies."""
+        alike = [one for one in _inputs_and_outputs(self.found)[1] if one.column in table.columns]
+        columns = {one.column: table.columns[one.column] for one in (chosen, *alike)}
+        for first, other in opposite_pairs(columns, chosen.column, period):
+            self.proposal.findings.append(
+                f"'{other}' moves against '{first}' at the lowest frequencies: if both should count in one direction, "
+                f"write '{other} * -1' for it"
+            )
+
+    def _time_of(self, chosen: FileContent, table: RecordTable) -> NDArray[np.float64] | None:
+        """Return the time stamps of the input [s], if the file has some."""
+        if chosen.column in table.times:
+            return table.times[chosen.column]
+        of = self._time_column(chosen.size)
+        if of is None or table.sample_time is not None:
+            return None
+        values = self.values(of.column)
+        unit = of.unit.strip() if is_usable_unit(of.unit) else clock_unit(of.name, values)
+        return np.asarray(values * si_unit(unit, self.path.name)[0])
+
+    def _even_values(
+        self, values: NDArray[np.float64], time: NDArray[np.float64], table: RecordTable
+    ) -> tuple[NDArray[np.float64], float | None]:
+        """Return the input at even instants, and its rate [Hz]; say what its time stamps show."""
+        proposal, several = self.proposal, len({stamps.size for stamps in table.times.values()}) > 1
+        try:
+            rate = sample_rate_of(time, "the time")
+            if not several:
+                return values, rate
+            proposal.findings.append("the channels have several sample rates")
+        except RecordError as error:
+            try:
+                clock = plan_clock({"input": time}, None, None, "cubic", "the file")
+            except RecordError:
+                proposal.needs.append(str(error))
+                return values, None
+            proposal.findings.append(stamps_text(examine_stamps(time)))
+            values, rate = resample(values, time, clock), clock.rate
+        proposal.words += ["--resample", "cubic"]
+        return values, rate
