@@ -52,6 +52,8 @@ class FaultKind(Enum):
     EXCITATION_FACTOR = auto()
     SWAPPED = auto()
     BEGUN_LATE = auto()
+    LOST_ROWS = auto()
+    CLOCK = auto()
     COMPENSATION = auto()
     """u has a force that follows the direction of motion, too."""
     UNKNOWN = auto()
@@ -71,9 +73,9 @@ class LoopFault(NamedTuple):
 
     kind: FaultKind
     factor: float = 1.0
-    """Column over what it should be; of a compensation its force [N]."""
+    """Column, or the record's sample time, over what it should be; of a compensation its force [N]."""
     samples: float = 0.0
-    """Samples by which it is late, or T of the low-pass 1/(1 + T (1 - z⁻¹)) that it has passed."""
+    """Samples by which it is late, rows that are lost, or T of the low-pass 1/(1 + T (1 - z⁻¹)) that it has passed."""
 
 
 @dataclass(frozen=True)
@@ -250,6 +252,10 @@ MAX_LATE_LINES = 60
 """Lines by which it is looked for: more of them take time alone."""
 ALIKE_AGREEMENT = 1e-4
 """Difference of the mean cosine of phases up to which delays are as good as each other."""
+MAX_ROWS, MAX_CLOCK_ERROR, MAX_PHASES = 1000, 1e-3, 500
+"""Rows that may be lost in one place, difference of clocks, and the number of phases by which both are looked for."""
+STEADY_SHARE = 0.75
+"""Part of the phases that must agree: those of the period with the loss do not."""
 HARMLESS_SHARE = 0.01
 """Part of a record by which it may begin late or early: the rest of it is as periodic."""
 WRONG_NUMBERS = (FaultKind.INPUT_FACTOR, FaultKind.OUTPUT_FACTOR, FaultKind.EXCITATION_FACTOR)
@@ -302,6 +308,8 @@ class _SegmentLoop:
     segment: Segment
     played: NDArray[np.complex128]
     """At its lines [N], shape (lines,)."""
+    start: int
+    """Its first sample in the record."""
     controller: LoopController
 
     @property
@@ -360,7 +368,7 @@ def judge_columns(segments: Sequence[Segment], cuts: Sequence[Cut], controller: 
     Segments without a known excitation are left out.
     """
     loops = [
-        _SegmentLoop(segment, _phasors(cut.excitation), controller)
+        _SegmentLoop(segment, _phasors(cut.excitation), cut.start, controller)
         for segment, cut in zip(segments, cuts, strict=True)
         if cut.excitation and {"u", "y"} <= segment.channels.keys()
     ]
@@ -379,6 +387,8 @@ def judge_columns(segments: Sequence[Segment], cuts: Sequence[Cut], controller: 
             shortest = min(loop.segment.channels["u"].size for loop in loops)
             is_harmless = abs(late.samples) <= HARMLESS_SHARE * shortest and is_usual(late.factor)
             fault = None if is_harmless else late
+        elif fault.kind is FaultKind.UNKNOWN:
+            fault = _find_break(loops) or fault
     return PlayVerdict(fault, False)
 
 
@@ -453,6 +463,55 @@ def _find_beginning(loops: Sequence[_SegmentLoop]) -> LoopFault | None:
     misfit = float(np.sqrt(np.mean(np.abs(turn - np.exp(1j * angle * best)) ** 2)))
     is_chance = delays.size * misfit**angle.size > SIGNIFICANCE  # phases that have nothing to do with a delay
     return None if is_chance or misfit > MAX_MISFIT * TOLERANCE else LoopFault(FaultKind.BEGUN_LATE, usual, best)
+
+
+def _find_break(loops: Sequence[_SegmentLoop]) -> LoopFault | None:
+    """Return the rows that are lost, or the clock of the record, by the excitation that it shows; None if neither is.
+
+    Its phases are those of what was to be played until rows are lost, or move on in proportion to the time.
+    """
+    parts = []
+    for loop in loops:
+        count, size = len(loop.segment.channels["u"]), loop.segment.samples
+        turn = (sum(loop.sums()) / loop.played)[-count:]
+        middle = loop.start + size * (np.arange(count)[:, None] + 0.5)
+        parts.append([of.ravel() for of in np.broadcast_arrays(middle, loop.angle, turn)])
+    time, angle, turn = (np.concatenate(part) for part in zip(*parts, strict=True))
+    some = np.argsort(time, kind="stable")[:: time.size // MAX_PHASES + 1]
+    time, angle, turn = time[some], angle[some], turn[some] / max(float(np.median(np.abs(turn))), np.finfo(float).tiny)
+    found = []
+    for slip, trials, fault in (_lost_rows(angle, turn), _clock_slip(time, angle, turn)):
+        left = float(np.quantile(np.abs(turn - np.exp(1j * angle * slip)), STEADY_SHARE))
+        is_chance = trials * left**time.size > SIGNIFICANCE
+        if np.any(slip) and left <= MAX_MISFIT * TOLERANCE and not is_chance:
+            found.append((left, fault))
+    return min(found, key=lambda one: one[0])[1] if found else None
+
+
+def _lost_rows(angle: NDArray[np.float64], turn: NDArray[np.complex128]) -> tuple[NDArray[np.float64], int, LoopFault]:
+    """Return the slip [samples] of phases in the order of time, (n,), by rows lost once, the trials, and the fault."""
+    rows = np.arange(-MAX_ROWS, MAX_ROWS + 1)
+    until = np.cumsum(np.real(np.conj(turn) * np.exp(1j * np.outer(rows, angle))), axis=1)
+    agreement = until[MAX_ROWS] + until[:, -1:] - until  # of so many rows that are lost after each phase
+    alike = rows[agreement.max(axis=1) >= agreement.max() - ALIKE_AGREEMENT * turn.size]
+    lost = int(alike[np.argmin(np.abs(alike))])
+    last = int(np.argmax(agreement[MAX_ROWS + lost]))
+    return (
+        np.where(np.arange(turn.size) > last, float(lost), 0.0),
+        agreement.size,
+        LoopFault(FaultKind.LOST_ROWS, samples=lost),
+    )
+
+
+def _clock_slip(
+    time: NDArray[np.float64], angle: NDArray[np.float64], turn: NDArray[np.complex128]
+) -> tuple[NDArray[np.float64], int, LoopFault]:
+    """Return the slip [samples] of phases, (n,), by a clock, the number of trials, and the fault."""
+    phase = angle * time
+    errors = np.arange(-MAX_CLOCK_ERROR, MAX_CLOCK_ERROR, 0.5 / float(np.max(phase)))
+    error = float(errors[np.argmax([np.sum(np.real(np.conj(turn) * np.exp(1j * phase * of))) for of in errors])])
+    error += float(np.sum(phase * np.imag(turn * np.exp(-1j * phase * error)))) / float(np.sum(phase**2))
+    return error * time, errors.size, LoopFault(FaultKind.CLOCK, 1 + error)
 
 
 WRONG = "wrong column"
@@ -553,6 +612,14 @@ TEXTS = {
         "'y' lags behind the position that the controller answers in 'u', as if filtered with a time constant of "
         "{samples:.3g} samples",
         "record 'y' as the controller reads it, or state the filter in record.controller",
+    ),
+    FaultKind.LOST_ROWS: (
+        "within the record rows are lost or written twice: it comes to be {samples:.0f} samples before the excitation",
+        "record again, or leave out of record.segments what comes after the loss",
+    ),
+    FaultKind.CLOCK: (
+        "a sample of the record takes {factor:.6g} times as long as one of the excitation",
+        "record with the clock that plays the excitation",
     ),
     FaultKind.UNKNOWN: (
         "'u' is not the excitation minus what the controller makes of 'y', and no factor, delay or filter explains it",

@@ -23,6 +23,17 @@ def late(samples: Array, count: int) -> Array:
     return np.roll(np.concatenate([samples, np.zeros(abs(count))]), count)[: samples.size]
 
 
+def lost(samples: Array, count: int) -> Array:
+    """Return samples of which so many are missing in the middle."""
+    middle = samples.size // 2
+    return np.concatenate([samples[:middle], samples[middle + count :], np.zeros(count)])
+
+
+def slow(samples: Array) -> Array:
+    """Return samples that are recorded by a clock that is 1e-4 slow."""
+    return np.interp(np.arange(samples.size) * 1.0001, np.arange(samples.size), samples)
+
+
 CORRUPTIONS: dict[str, tuple[Callable[[Array, Array, Array], tuple[Array, Array]], str]] = {
     "excitation as u": (lambda w, u, y: (w, y), "^'u' is the excitation alone"),
     "u without excitation": (lambda w, u, y: (u - w, y), "^'u' is what the controller makes of 'y', without"),
@@ -39,6 +50,8 @@ CORRUPTIONS: dict[str, tuple[Callable[[Array, Array, Array], tuple[Array, Array]
     "y early": (lambda w, u, y: (u, late(y, -1)), "'y' is recorded 1 sample early; .* a delay of the controller"),
     "u late": (lambda w, u, y: (late(u, 1), y), "^'u' is recorded 1 sample late"),
     "u filtered": (lambda w, u, y: (lfilter([0.25], [1, -0.75], u), y), "^'u' lags .* time constant of 3 samples"),
+    "lost rows": (lambda w, u, y: (lost(u, 9), lost(y, 9)), "^within the record rows are lost .* 9 samples before"),
+    "clock": (lambda w, u, y: (slow(u), slow(y)), r"takes 1\.0001\d* times as long"),
     "compensation": (
         lambda w, u, y: (u + 0.3 * np.abs(w).max() * np.sign(np.gradient(y)), y),
         "^'u' has .* in the dir",
