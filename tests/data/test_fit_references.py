@@ -51,7 +51,7 @@ def written(folder: Path, **changes: str) -> str:
 
 
 def test_a_fit_is_used_by_a_later_sweep_whatever_their_order_in_the_file(folder: Path) -> None:
-    assert main(["run", written(folder)]) == 0
+    assert main(["run", written(folder), "--executor", "serial"]) == 0
     with Store.open("results.db", read_only=True) as store:
         positioned, identified = store.sweeps(1)
         assert positioned.experiment["excitation"]["plant"] == {"fit": "plant", "of": identified.key}
@@ -67,7 +67,7 @@ def test_a_fit_that_failed_fails_what_needs_it_with_the_reason(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # five points are too few for two modes
-    assert main(["run", written(folder, **{"points = 60": "points = 5"})]) == 1
+    assert main(["run", written(folder, **{"points = 60": "points = 5"}), "--executor", "serial"]) == 1
     said = capsys.readouterr().err
     assert "it needs the plant that sweep" in said
     with Store.open("results.db", read_only=True) as store:

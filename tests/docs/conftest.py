@@ -33,12 +33,13 @@ OWN_LAW = (
 PLANNED = ("fraexp run paper", "fraexp run methods/comparison")
 """Commands that are only planned: tests/views/test_html_report.py and tests/study/test_study_runs.py run them."""
 REDUCED = {
-    f"{OWN_LAW}20": f"{OWN_LAW}8",
+    f"{OWN_LAW}20": f"{OWN_LAW}8 --executor serial",
+    "fraexp fit 1": "fraexp fit KEY",
     "fraexp run amplitudes": "fraexp run amplitudes --set excitation.points=4 --executor serial",
-    "fraexp run loop": "fraexp run loop --set excitation.points=4",
+    "fraexp run loop": "fraexp run loop --set excitation.points=4 --executor serial",
     "fraexp run quick --json": "fraexp run quick --json --set excitation.points=4 --executor serial",
 }
-"""Beginnings of commands that are run with fewer points; the first one counts.
+"""Beginnings of commands that are run with fewer points or sweeps; the first one counts.
 
 Up to eight points are computed side by side in one layout: for more of them, the law is compiled for another as well.
 """
