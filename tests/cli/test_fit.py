@@ -39,7 +39,7 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("table")
     (folder / "studies").mkdir()
     (folder / "studies" / "table.toml").write_text(STUDY, encoding="utf-8")
-    assert main(["run", "table", "--workspace", str(folder)]) == 0
+    assert main(["run", "table", "--executor=serial", "--workspace", str(folder)]) == 0
     return folder
 
 

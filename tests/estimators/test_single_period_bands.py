@@ -47,7 +47,7 @@ def test_the_bands_cover_the_truth_at_nine_of_ten_places_of_the_scale(noise: flo
         (EffectiveInput(**METHOD, oversampling=32), EffectiveInput(**METHOD, resolution=STEP, noise=noise)),
         (Conventional(), Conventional(resolution=STEP)),
     )
-    for _ in range(25):
+    for _ in range(15):
         segments = []
         for segment in ideal.segments:
             y = segment.channels["y"] + generator.uniform(0, STEP)

@@ -121,7 +121,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_folder_of_studies_ends_with_a_report_that_needs_nothing_else(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["run", "loops"]) == 0
+    assert main(["run", "loops", "--executor=serial"]) == 0
     said = capsys.readouterr()
     assert said.out.splitlines()[-1] == "report figures/loops.html"
     assert said.err.splitlines()[-2:] == [
@@ -156,12 +156,12 @@ def test_a_folder_of_studies_ends_with_a_report_that_needs_nothing_else(
     assert "<h3>Hysteresis</h3>" in text
     assert "fraexp run loops/a" in text
     assert "Does it take 4 F_m (A - Y)" in text
-    assert main(["run", "loops/a"]) == 0  # a single study has no report
+    assert main(["run", "loops/a", "--executor=serial"]) == 0  # a single study has no report
     assert "report" not in capsys.readouterr().out
 
 
 def test_show_and_export_have_the_published_numbers(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", "loops/a"]) == 0
+    assert main(["run", "loops/a", "--executor=serial"]) == 0
     capsys.readouterr()
     assert main(["show", "loops/a"]) == 0
     said = capsys.readouterr()
@@ -182,7 +182,7 @@ def test_show_and_export_have_the_published_numbers(folder: Path, capsys: pytest
 
 @pytest.mark.thorough
 def test_stored_runs_make_the_same_report_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", "loops", "--json"]) == 0
+    assert main(["run", "loops", "--executor=serial", "--json"]) == 0
     assert "report figures/loops.html" in capsys.readouterr().err.replace("\\", "/")
     first = (folder / "figures/loops.html").read_bytes()
     for identifiers in (["loops"], ["loops/a", "loops/b"], ["1", "2", "1"]):
@@ -194,8 +194,8 @@ def test_stored_runs_make_the_same_report_again(folder: Path, capsys: pytest.Cap
 
 @pytest.mark.thorough
 def test_an_older_run_leaves_the_figures_of_the_newest(folder: Path) -> None:
-    assert main(["run", "loops/a", "--set", "friction.stiffness=[3e5]"]) == 0
-    assert main(["run", "loops/a"]) == 0
+    assert main(["run", "loops/a", "--executor=serial", "--set", "friction.stiffness=[3e5]"]) == 0
+    assert main(["run", "loops/a", "--executor=serial"]) == 0
     newest = (folder / "figures/loops/a.png").read_bytes()
     assert main(["report", "1", "-o", "old.html"]) == ExitCode.INCOMPLETE
     assert (folder / "figures/loops/a.png").read_bytes() == newest
@@ -206,7 +206,7 @@ def test_an_older_run_leaves_the_figures_of_the_newest(folder: Path) -> None:
 
 @pytest.mark.thorough
 def test_a_report_does_without_the_study_and_without_a_figure(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert main(["run", "loops"]) == 0
+    assert main(["run", "loops", "--executor=serial"]) == 0
     shutil.rmtree(folder / "studies")
     assert main(["report", "loops/a", "-o", "x.html"]) == 0
     text = (folder / "x.html").read_text("utf-8")
@@ -226,7 +226,7 @@ def test_a_report_does_without_the_study_and_without_a_figure(folder: Path, monk
 def test_a_report_of_one_run_is_titled_like_its_study_and_replaces_no_other_file(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["run", "loops/a"]) == 0
+    assert main(["run", "loops/a", "--executor=serial"]) == 0
     Path("x.html").write_text("<!DOCTYPE html><p>mine</p>", "utf-8")
     assert main(["report", "1", "-o", "x.html"]) == ExitCode.USAGE
     assert "x.html: the file exists and is not a report; give --force" in capsys.readouterr().err
@@ -251,7 +251,7 @@ def test_many_sweeps_are_shown_in_part(folder: Path) -> None:
     values = ", ".join(f"{n}e-4" for n in range(2, 62))
     text = STUDY.partition("[[published]]")[0].replace('["0.5 mm", "1 mm"]', f"[{values}]")
     (folder / "studies/loops/a.toml").write_text(text, "utf-8")
-    assert main(["run", "loops/a"]) == 0
+    assert main(["run", "loops/a", "--executor=serial"]) == 0
     assert main(["report", "1", "-o", "x.html"]) == 0
     rows = page(folder / "x.html").rows
     head = next(place for place, row in enumerate(rows) if row[:2] == ["sweep", "amplitude [mm]"])
@@ -261,7 +261,7 @@ def test_many_sweeps_are_shown_in_part(folder: Path) -> None:
 
 
 def test_a_wrong_wish_is_one_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", "loops/a"]) == 0
+    assert main(["run", "loops/a", "--executor=serial"]) == 0
     capsys.readouterr()
     for arguments, code, complaint in (
         (["1", "-o", "x.doc"], ExitCode.USAGE, "a report cannot be written as '.doc'"),
@@ -281,7 +281,7 @@ def test_what_was_fitted_later_is_no_study_of_the_folder(folder: Path) -> None:
     text = 'machine = "linear_motor_table"\nexcitation = { name = "stepped_sine", amplitude = 75.0, points = 30 }\n'
     text += 'estimator = { name = "effective_input" }\n'
     (folder / "studies/loops/a.toml").write_text(text, "utf-8")
-    assert main(["run", "loops"]) == 0
+    assert main(["run", "loops", "--executor=serial"]) == 0
     assert main(["fit", "loops/a", "--set", "modes=2"]) == 0
     assert main(["report", "loops", "-o", "x.html"]) == 0
     assert page(folder / "x.html").anchors == ["#run-1", "#run-2"]
