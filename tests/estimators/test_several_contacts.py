@@ -18,7 +18,7 @@ from tests.refusals import refused
 DRIVE = TwoMass(motor_mass=3.0, load_mass=5.0, stiffness=2e5, damping=20.0)
 CONTROLLER = Pid(proportional=8000.0, derivative_time=0.04, filter_time=0.004)
 MOTOR, LOAD = guide(17.9, 46.8e-6, 4.69), guide(8.0, 50e-6, 2.0, elements=8)
-GRID = tuple(np.geomspace(2.0, 200.0, 12))
+GRID = tuple(np.geomspace(2.0, 200.0, 8))
 DEAD_TIME = 1e-3
 
 

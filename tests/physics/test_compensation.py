@@ -14,7 +14,7 @@ from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.machines import LEAD, TABLE, decibel, degrees, guide
 
-FREQUENCIES = tuple(np.geomspace(25.5, 190, 20))
+FREQUENCIES = tuple(np.geomspace(25.5, 190, 8))
 FRICTION = guide()
 DEAD_TIME = 1e-3
 
