@@ -2,8 +2,6 @@
 
 import os
 import pty
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -19,7 +17,6 @@ from fraexp.measurement.consent import CONSENTS_VARIABLE, Consent, missing_conse
 from fraexp.workspace.measurement_service import MeasurementService
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.refusals import refused
-from tests.waiting import HANG_TIMEOUT_S
 
 MARKING = "open('ran', 'w')\nraise SystemExit('the drive is off')"
 MACHINE = 'measurement.machine={name="command", program=["python3", "axis.py", "{file}"]}'
@@ -46,25 +43,18 @@ def test_a_program_is_refused_and_shown_whole_until_it_is_allowed(
 
 
 def test_an_answer_on_a_terminal_is_remembered_for_this_program_alone(
-    workspace: WorkspaceService, consents: Path
+    workspace: WorkspaceService, consents: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    monkeypatch.chdir(workspace.folder)
     (workspace.folder / "axis.py").write_text(MARKING, encoding="utf-8")
-    command = [sys.executable, "-m", "fraexp", "measure", "axis", "--set", MACHINE]
     for typed, code in ((b"n\n", ExitCode.USAGE), (b"y\n", ExitCode.MACHINE)):
         terminal, inside = pty.openpty()
         os.write(terminal, typed)
-        done = subprocess.run(
-            command,
-            cwd=workspace.folder,
-            stdin=inside,
-            capture_output=True,
-            text=True,
-            timeout=HANG_TIMEOUT_S,
-            check=False,
-        )
-        os.close(terminal), os.close(inside)
-        assert done.returncode == code, done.stderr
-        assert "allow it, now and later? [y/N]" in done.stderr
+        with os.fdopen(inside, encoding="utf-8") as stdin:
+            monkeypatch.setattr("sys.stdin", stdin)
+            assert main(["measure", "axis", "--set", MACHINE]) == code
+        os.close(terminal)
+        assert "[y/N]" in capsys.readouterr().err
     machine = CommandMachine(program=("python3", "axis.py", "{file}"), sample_time=1e-3)
     assert missing_consent(machine, workspace.folder) is None
     assert missing_consent(machine.model_copy(update={"program": ("python3", "b.py")}), workspace.folder)
