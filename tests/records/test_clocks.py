@@ -50,12 +50,6 @@ def test_a_rate_that_agrees_in_some_unit_is_taken(tmp_path: Path, registry: Regi
     assert rate_of(tmp_path, registry, "moves.mat", sample_rate=2000) == 2000
 
 
-def test_a_number_that_seems_to_be_the_rate_is_named_where_none_is_given(tmp_path: Path, registry: Registry) -> None:
-    write(tmp_path, fs=1000.0)
-    with pytest.raises(RecordError, match=r"unknown; give sample_rate = 1000 \(--sample-rate 1000\), if 'fs' in the"):
-        rate_of(tmp_path, registry, "moves.mat")
-
-
 JITTER = (1e-4, 2.4e-4)
 
 

@@ -150,9 +150,6 @@ WRONG: dict[str, tuple[Write, Section, str, Section]] = {
         r"analyse each level by itself, with \{level\} in a column, a file or select, and level",
         {"segment_column": None, "select": "level = {level}", "level": 2},
     ),
-    "a level without its value": (
-        write_levels_in_a_column, periodic(select="level = {level}"), r"give level \(", {"level": 2},
-    ),
     "samples beside a response": (
         write_response, response(channels={**response()["channels"], "u": "mag"}),
         r"are frequency, magnitude, phase, u; expected frequency with magnitude and phase", response(),

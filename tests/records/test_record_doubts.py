@@ -1,4 +1,4 @@
-"""Spikes, frozen, clipped and wrapped samples and axes that turn are told; what machines do is not."""
+"""Wrong samples, axes that turn and units that no machine has are told; what machines do is not."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from fraexp.analysis.steady_motion import find_steady_motion
 from fraexp.data.findings import Finding
 from fraexp.data.results import Outcome
 from fraexp.data.signals import Segment, Signals
-from fraexp.records.record_doubts import find_wrong_samples
+from fraexp.records.record_doubts import find_wrong_samples, implausible_units
 
 PERIODS, SAMPLES = 6, 1000
 LINES = np.arange(1, 40, 3)
@@ -182,3 +182,37 @@ def test_estimators_that_take_a_steady_motion_off_are_ok_on_it_and_others_are_no
         assert any(each.kind == "steady motion" for each in found.findings) is not is_robust
         off = float(np.abs(found.response.response / 0.01 - 1).max())
         assert (off < 0.01) is is_robust
+
+
+TWO_LINES = np.array([3, 7])
+
+
+def doubts_of_mass(mass: float, force: float, units: tuple[str, str] = ("N", "m")) -> list[Finding]:
+    """Return the findings on a free mass [kg or kg m²] that a force [N or N m] moves at 3 and 7 Hz."""
+    time = np.arange(1000) / 1000
+    waves = np.sin(2 * np.pi * np.outer(time, TWO_LINES))
+    position = -force / mass * waves @ (1 / (2 * np.pi * TWO_LINES) ** 2)
+    channels = {"u": force * waves.sum(axis=1)[None], "y": position[None]}
+    return list(implausible_units([Segment(1e-3, channels, TWO_LINES)], dict(zip(("u", "y"), units, strict=True))))
+
+
+@pytest.mark.parametrize(("mass", "force"), [(1e-3, 1e-2), (7.6, 12.0), (5e3, 2e4)])
+def test_machines_are_not_questioned(mass: float, force: float) -> None:
+    assert doubts_of_mass(mass, force) == doubts_of_mass(mass, force, ("N m", "rad")) == []
+
+
+def test_a_mass_of_94_t_is_questioned() -> None:
+    (mass,), (inertia,) = doubts_of_mass(94e3, 12.0), doubts_of_mass(1e7, 12.0, ("N m", "rad"))
+    assert (mass.place, mass.quantities[0].value) == ("'u' over 'y'", pytest.approx(94e3))
+    assert (inertia.quantities[0].name, inertia.quantities[0].value) == ("apparent inertia", pytest.approx(1e7))
+
+
+def test_a_stroke_of_40_m_is_questioned() -> None:
+    (found,) = doubts_of_mass(1e-3, 10.0)
+    assert (found.place, found.quantities[0].value) == ("'y'", pytest.approx(66.6, rel=1e-3))
+    assert doubts_of_mass(1e-3, 10.0, ("A", "rad")) == []  # a motor may turn on
+
+
+def test_channels_that_stand_still_are_not() -> None:
+    still = Segment(1e-3, {"u": np.zeros((1, 1000)), "y": np.zeros((1, 1000))}, TWO_LINES)
+    assert list(implausible_units([still], {"u": "N", "y": "m"})) == []
