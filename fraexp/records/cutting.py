@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -75,6 +75,8 @@ class Cut:
 
     def as_plain(self) -> Plain:
         """Return the plain data that identifies the segment."""
+        found = {key: getattr(self, key) for key in ("left_out", "doubtful", "expected", "excitation")}
+        known = {key: getattr(self, key) for key in ("rest", "settled", "residual")}
         return {
             "start": self.start,
             "periods": self.blocks,
@@ -82,33 +84,17 @@ class Cut:
             "sample_time": self.sample_time,
             "lines": list(self.lines),
             **({} if self.periodic else {"periodic": False}),
-            **{
-                key: getattr(self, key)
-                for key in ("left_out", "doubtful", "expected", "excitation")
-                if getattr(self, key)
-            },
-            **{key: getattr(self, key) for key in ("rest", "settled", "residual") if getattr(self, key) is not None},
+            **{key: value for key, value in found.items() if value},
+            **{key: value for key, value in known.items() if value is not None},
         }
 
     @classmethod
     def from_plain(cls, data: Plain) -> "Cut":
         """Return the cut that `as_plain` describes."""
-        lines, periodic = tuple(data["lines"]), data.get("periodic", True)
-        weak = (data.get("left_out", 0), data.get("doubtful", 0))
-        before = (data.get("rest"), data.get("settled"), data.get("residual"))
-        played = (data.get("expected", {}), tuple(map(tuple, data.get("excitation", ()))))
-        return cls(
-            data["start"],
-            data["periods"],
-            data["samples"],
-            1,
-            data["sample_time"],
-            lines,
-            periodic,
-            *weak,
-            *before,
-            *played,
-        )
+        more = {of.name: data[of.name] for of in fields(cls) if of.name in data and of.name != "periods"}
+        for key in {"lines", "excitation"} & more.keys():
+            more[key] = tuple(tuple(one) if isinstance(one, list | tuple) else one for one in more[key])
+        return cls(blocks=data["periods"], periods=1, **more)
 
     @property
     def settling(self) -> Settling | None:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import Any, Literal, Self
 
-from pydantic import field_validator
+from pydantic import ValidationInfo, field_validator
 
 from fraexp.components.parameters import Parameters, param
 from fraexp.errors import ParameterError
@@ -43,6 +43,13 @@ class PlayedSegment(Parameters):
     excitation: tuple[tuple[float, float], ...] = param(
         "", "amplitude in SI and phase [deg] of what is played at each of the harmonics, from `start` on", ()
     )
+
+
+TABLES: Mapping[str, tuple[type[Step | PlayedSegment], str]] = {
+    "steps": (Step, "; expected such as [{start = 0, stop = 1, frequency = 10}]"),
+    "segments": (PlayedSegment, ", such as those that fraexp measure and excite write"),
+}
+"""Settings that are lists of tables, and how to write them."""
 
 
 class RecordSettings(Parameters):
@@ -136,23 +143,14 @@ class RecordSettings(Parameters):
             raise ParameterError(f"file is {value!r}; expected the name of a file, or a list of names")
         return names
 
-    @field_validator("steps", mode="before")
+    @field_validator("steps", "segments", mode="before")
     @classmethod
-    def _read_steps(cls, value: object) -> tuple[Step, ...]:
-        if not isinstance(value, list | tuple) or not all(isinstance(step, Step | Mapping) for step in value):
-            raise ParameterError("steps is no list of tables; expected such as [{start = 0, stop = 1, frequency = 10}]")
+    def _read_tables(cls, value: object, info: ValidationInfo) -> tuple[Parameters, ...]:
+        kind, such = TABLES[str(info.field_name)]
+        if not isinstance(value, list | tuple) or not all(isinstance(one, kind | Mapping) for one in value):
+            raise ParameterError(f"{info.field_name} is no list of tables{such}")
         return tuple(
-            step if isinstance(step, Step) else Step.parse(step, f"steps.{number}")
-            for number, step in enumerate(value, start=1)
-        )
-
-    @field_validator("segments", mode="before")
-    @classmethod
-    def _read_segments(cls, value: object) -> tuple[PlayedSegment, ...]:
-        if not isinstance(value, list | tuple) or not all(isinstance(one, PlayedSegment | Mapping) for one in value):
-            raise ParameterError("segments is no list of tables, such as those that fraexp measure and excite write")
-        return tuple(
-            one if isinstance(one, PlayedSegment) else PlayedSegment.parse(one, f"segments.{number}")
+            one if isinstance(one, kind) else kind.parse(one, f"{info.field_name}.{number}")
             for number, one in enumerate(value, start=1)
         )
 
