@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import main
 from fraexp.errors import StoreError
 from fraexp.store import Store
 from tests.examples import some
@@ -75,8 +76,8 @@ def _lives(group: int) -> bool:
     return True
 
 
-def test_what_does_not_fit_is_told_before_anything_is_started(tmp_path):
-    told = fraexp(tmp_path, "run", "quick", "--set", "excitation.point=2", "--detach")
-    assert told.returncode == ExitCode.USAGE
-    assert "did you mean 'points'?" in told.stderr
+def test_what_does_not_fit_is_told_before_anything_is_started(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "quick", "--set", "excitation.point=2", "--detach"]) == ExitCode.USAGE
+    assert "did you mean 'points'?" in capsys.readouterr().err
     assert not (tmp_path / ".fraexp").exists()

@@ -192,23 +192,29 @@ def test_a_url_that_is_suggested_can_be_pasted() -> None:
     assert parse_url(database.location) == parse_url("postgresql://me@host:5432/base?application_name=a%20b")
 
 
-def test_a_password_is_in_no_arguments_of_a_background_run(tmp_path: Path) -> None:
+def test_a_password_is_in_no_arguments_of_a_background_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
     url = f"postgresql://me:{SECRET}@127.0.0.1:1/db"
     script = tmp_path / "python"  # notes its arguments and the database in its environment
     script.write_text('#!/bin/sh\nprintf "%s " "$@" >arguments\nprintf %s "$FRAEXP_DB" >database\nexit 3\n')
     script.chmod(0o755)
-    code = "import sys; from fraexp.cli.main import main; sys.executable = sys.argv.pop(1); sys.exit(main())"
-    command = [sys.executable, "-c", code, str(script), "run", *FEW, "--detach", "--db", url]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=HANG_TIMEOUT_S)
-    assert done.returncode == ExitCode.STORE
-    assert "hush" not in (tmp_path / "arguments").read_text() + done.stdout + done.stderr
+    monkeypatch.setattr(sys, "executable", str(script))
+    assert main(["run", *FEW, "--detach", "--db", url]) == ExitCode.STORE
+    assert "hush" not in (tmp_path / "arguments").read_text() + "".join(capsys.readouterr())
     assert (tmp_path / "database").read_text() == url
 
 
-def test_the_database_is_taken_from_the_environment(workspace: Path, tmp_path: Path) -> None:
-    done = shell("fraexp list", tmp_path, FRAEXP_DB=str(workspace / "results.db"))
-    assert "bench" in done.stdout
-    assert shell("fraexp list --db other.db", tmp_path, FRAEXP_DB=str(workspace / "results.db")).stdout == ""
+def test_the_database_is_taken_from_the_environment(
+    workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("FRAEXP_DB", str(workspace / "results.db"))
+    assert main(["list"]) == ExitCode.OK
+    assert "bench" in capsys.readouterr().out
+    main(["list", "--db", "other.db"])
+    assert capsys.readouterr().out == ""
 
 
 @pytest.mark.thorough
