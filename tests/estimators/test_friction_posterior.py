@@ -66,10 +66,30 @@ def test_a_wrong_model_that_is_stated_as_certain_is_not_ok(signals):
     assert "by the friction model" in found.message
 
 
-def test_a_wrong_delay_is_not_ok(signals):
-    """A sample of dead time too little turns the input at the harmonics, and the plant at the fundamentals less."""
-    found = estimated(signals, input_dead_time=0.0)
-    assert "or the delays" in found.message
+@pytest.mark.parametrize("dead_time", [0.0, 0.8e-3, 1.0e-3, 1.2e-3])
+def test_a_dead_time_is_found_from_the_harmonics(signals, dead_time):
+    """It turns the input at the harmonics, where the plant's band is narrow, more than at the fundamentals."""
+    found = estimated(
+        replace(signals, verification=None), input_dead_time=dead_time, force_std=0.0, displacement_std=0.0
+    )
+    metrics = {metric.name: metric.value for metric in found.metrics}
+    off = metrics["input_dead_time by harmonics"] - DELAYS["input_dead_time"]
+    assert abs(off) < metrics["input_dead_time by harmonics, 95 %"] < 1e-4
+    assert errors(found)[1].mean() > 0.9
+
+
+def test_a_dead_time_that_nothing_shows_is_in_the_band():
+    """Unless it is stated as exact, or the machine's own."""
+    record = simulated(guide(), tuple(np.geomspace(5.0, 150.0, 8)), 75.0, tolerance=1e-4)
+    given = {"resolution": 0.0, "input_dead_time": 1.2e-3, "force_std": 0.0, "displacement_std": 0.0}
+    unsure, sure = (estimated(record, **given, **changes) for changes in ({}, {"dead_time_std": 0.0}))
+    phase = np.degrees(np.angle(TABLE.response(2 * np.pi * sure.response.frequency) / sure.response.response))
+    assert np.abs(phase).max() > 9
+    assert sure.outcome is Outcome.OK
+    reach = np.degrees(BandReach.of(unsure.response).phase)
+    assert np.all(np.abs(phase) < reach)
+    assert reach.max() < 30
+    assert unsure.outcome is Outcome.INACCURATE
 
 
 def test_where_the_machine_stands_no_harmonic_tells_anything(signals):

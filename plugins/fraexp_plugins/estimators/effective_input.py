@@ -33,17 +33,20 @@ from fraexp_plugins.estimators._shared.contacts import (
 )
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT, ObserverEstimator, is_from_rest
 from fraexp_plugins.estimators._shared.friction_band import (
+    DEAD_TIME_STD,
     SCALES,
     UNSTATED,
     ModelErrors,
+    UncertainNumber,
     inverse_response,
-    knows_machine,
+    knows_delays,
+    knows_friction,
     prior_std,
     scale_factors,
     with_model_errors,
     with_standstill,
 )
-from fraexp_plugins.estimators._shared.friction_posterior import SineRecord
+from fraexp_plugins.estimators._shared.friction_posterior import SineRecord, thrust_terms
 from fraexp_plugins.estimators._shared.measured_motion import with_rounding
 from fraexp_plugins.estimators._shared.motion_above_nyquist import HoldImages, hold_images, unsampled_errors
 from fraexp_plugins.estimators._shared.parameter_uncertainty import (
@@ -57,7 +60,7 @@ from fraexp_plugins.estimators._shared.possible_motions import likely_motions, w
 from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
 
 
-class EffectiveInput(ObserverEstimator, name="effective_input", version=9):
+class EffectiveInput(ObserverEstimator, name="effective_input", version=10):
     """P̂ = y'/û_e with û_e = G_di G_do u - f̂: the effective control input observer, eqs (2)-(5).
 
     y' drives the friction model in the time domain; the delays act at each frequency. With the right friction model P̂
@@ -71,7 +74,8 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=9):
     A friction model is uncertain: unless it is the simulated machine's own, or deviations are stated, its force and its
     deflections have a standard deviation of 10 %. At harmonics of a sine friction alone moves the plant. Where they lie
     within the measured frequencies they narrow these errors, and the response is that of the most probable ones. With
-    `corrects_friction = false` it stays that of the stated model, and the band reaches to the plant.
+    `corrects_friction = false` it stays that of the stated model, and the band reaches to the plant. The dead time is
+    one more such error, known to a sample unless `dead_time_std` states more: it turns the input at the harmonics.
 
     Where friction holds the machine still, its force is not in y', and no observer sees it. The response is compared
     with the one that follows if friction balances the input there, and the difference is in the band.
@@ -121,6 +125,13 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=9):
         None,
         at_least=0,
         below=1,
+    )
+    dead_time_std: float | None = param(
+        "s",
+        "standard deviation of the dead times together; if not given they are known to a sample, and exactly where "
+        "the delays are the simulated machine's own",
+        None,
+        at_least=0,
     )
     deviations: tuple[Deviation, ...] = param(
         "", "standard deviations of single parameters, such as { parameter = 'curve.coulomb_force', std = 0.5 }", ()
@@ -174,7 +185,8 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=9):
 
     def matched(self, machine: Mapping[str, object]) -> Self:
         """Return the observer of the machine itself, about which nothing is uncertain."""
-        certain: dict[str, object] = {"force_std": 0.0, "displacement_std": 0.0, "deviations": (), "correlation": ()}
+        stds = dict.fromkeys(("force_std", "displacement_std", "dead_time_std"), 0.0)
+        certain: dict[str, object] = {**stds, "deviations": (), "correlation": ()}
         frictions = machine["friction"]
         if isinstance(frictions, Mapping):
             certain |= {"friction": None, "frictions": dict(frictions)}
@@ -310,37 +322,59 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=9):
         return self._with_standstill(forces, hidden, found) if is_hidden else found
 
     def _errors(self, signals: Signals, forces: ContactForces) -> ModelErrors | None:
-        """Return what is uncertain of the models: scales contact by contact, and the columns of stated deviations.
+        """Return what is uncertain: scales contact by contact, the columns of stated deviations, and the dead time.
 
         None where friction is the simulated machine's own at its only contact, unless something is stated of it.
         """
-        is_known = knows_machine(self, self.frictions or self.friction, signals)
+        is_known = knows_friction(self, self.frictions or self.friction, signals)
+        dead_time_std = self._dead_time_std(signals)
         stds = self._uncertain_scales(forces, is_known=is_known or bool(self.deviations))
         model, deviations = (
             (self.nominal_plant, self.plant_deviations) if self.frictions else (self.law, self.deviations)
         )
         assert model is not None
         columns = covariance_root(model, deviations, () if self.frictions else self.correlation)
-        if is_known and not (self.frictions or stds or columns.size):
+        if is_known and not (self.frictions or stds or columns.size or dead_time_std):
             return None
         observer, alike, outputs = self._of_mean_periods(signals)
+        scales = {name: getattr(self, name.split(": ")[-1]) for name in stds}
+        numbers = {name: UncertainNumber(value, value * stds[name], "1") for name, value in scales.items()}
+        if dead_time_std:
+            numbers["input_dead_time"] = UncertainNumber(self.input_dead_time, dead_time_std, "s")
 
         def applied(sizes: NDArray[np.float64]) -> ContactForces:
             factors = dict(zip(stds, scale_factors(list(stds.values()), sizes), strict=True))
-            moved = moved_within_bounds(model, deviations, columns @ sizes[len(stds) :])
+            moved = moved_within_bounds(model, deviations, columns @ sizes[len(numbers) :])
             changed = observer.model_copy(update={"nominal_plant" if self.frictions else "friction": moved})
             return changed._contact_forces(alike, factors)
 
+        def delayed(sizes: NDArray[np.float64]) -> Self:
+            late = dead_time_std * float(sizes[len(stds)]) if dead_time_std else 0.0
+            return self.model_copy(update={"input_dead_time": self.input_dead_time + late})
+
         def inverse_with(sizes: NDArray[np.float64]) -> NDArray[np.complex128]:
-            return inverse_response(self._estimate_along(applied(sizes), outputs))
+            return inverse_response(delayed(sizes)._estimate_along(applied(sizes), outputs))
+
+        def force_terms(sizes: NDArray[np.float64]) -> list[NDArray[np.complex128]]:
+            terms = applied(sizes).force_terms()
+            if not dead_time_std:
+                return terms
+            lost = [thrust_terms(self, each) - thrust_terms(delayed(sizes), each) for each in alike.segments]
+            return [force + missing for force, missing in zip(terms, lost, strict=True)]
 
         return ModelErrors(
-            {name: (getattr(self, name.split(": ")[-1]), std) for name, std in stds.items()},
+            numbers,
             columns.shape[1],
-            lambda sizes: applied(sizes).force_terms(),
+            force_terms,
             inverse_with,
             forces.stiffness,
         )
+
+    def _dead_time_std(self, signals: Signals) -> float:
+        """Return the standard deviation of the dead times together [s]."""
+        if self.dead_time_std is not None or signals.are_stated or knows_delays(self, signals):
+            return self.dead_time_std or 0.0
+        return DEAD_TIME_STD * max(segment.sample_time for segment in signals.segments)
 
     def _of_mean_periods(self, signals: Signals) -> tuple[Self, Signals, list[NDArray[np.complex128]] | None]:
         """Return signals of one period that noise no longer disturbs, their observer, and the phasors of the output.

@@ -35,6 +35,9 @@ SCALES = ("force_scale", "displacement_scale")
 PRIOR_STD = 0.1
 """Relative standard deviation of force and deflections of a friction model about which nothing is stated: the size that
 the paper varies (Figs 12, 14 and 15) and calls unavoidable in practice."""
+DEAD_TIME_STD = 12**-0.5
+"""Standard deviation of a dead time of which nothing is stated, in samples: it is known to a sample, and anywhere in
+it."""
 UNSTATED = "if it is not given 0.1, and 0 where the model is the simulated machine's own"
 MIN_FACTOR = 0.1
 """Factor of a scale by its error, at least."""
@@ -49,11 +52,20 @@ Sizes = NDArray[np.float64]
 """Errors in their standard deviations, shape (p,)."""
 
 
-class ModelErrors(NamedTuple):
-    """What is uncertain of the models of an estimator: scales first, then other errors."""
+class UncertainNumber(NamedTuple):
+    """A number of an estimator that is uncertain by itself."""
 
-    scales: Mapping[str, tuple[float, float]]
-    """Value and relative standard deviation of each uncertain scale, by its name."""
+    value: float
+    std: float
+    """Standard deviation."""
+    unit: str
+
+
+class ModelErrors(NamedTuple):
+    """What is uncertain of the models of an estimator: numbers first, then other errors."""
+
+    numbers: Mapping[str, UncertainNumber]
+    """Scales and a dead time that are uncertain, by their names."""
     others: int
     """Number of the other errors."""
     force_terms: Callable[[Sizes], Sequence[NDArray[np.complex128]]]
@@ -65,29 +77,39 @@ class ModelErrors(NamedTuple):
     @property
     def size(self) -> int:
         """How many errors there are."""
-        return len(self.scales) + self.others
+        return len(self.numbers) + self.others
 
     def metrics(self, posterior: FrictionPosterior) -> tuple[Metric, ...]:
-        """Return the scales that the harmonics show, with 95 % intervals."""
+        """Return the numbers that the harmonics show, with 95 % intervals."""
         deviations = np.sqrt(np.sum(posterior.root**2, axis=1))
         found = []
-        for (name, (value, std)), mean, size in zip(
-            self.scales.items(), posterior.mean.tolist(), deviations.tolist(), strict=False
+        for (name, of), mean, size in zip(
+            self.numbers.items(), posterior.mean.tolist(), deviations.tolist(), strict=False
         ):
             if size > MAX_DEVIATION:
                 continue
-            found.append(Metric(f"{name} by harmonics", value * max(1 + std * mean, MIN_FACTOR), "1"))
-            found.append(Metric(f"{name} by harmonics, 95 %", NORMAL_QUANTILE * value * std * size, "1"))
+            found.append(Metric(f"{name} by harmonics", of.value + of.std * mean, of.unit))
+            found.append(Metric(f"{name} by harmonics, 95 %", NORMAL_QUANTILE * of.std * size, of.unit))
         return tuple(found) if posterior.harmonics else ()
 
 
-def knows_machine(estimator: Estimator, friction: object, signals: Signals) -> bool:
-    """Return whether an estimator has the friction model, dead times and lags of the simulated machine, unscaled."""
-    if signals.verification is None or any(getattr(estimator, scale, 1.0) != 1 for scale in SCALES):
+def knows_friction(estimator: Estimator, friction: object, signals: Signals) -> bool:
+    """Return whether an estimator has the friction model of the simulated machine, unscaled."""
+    if any(getattr(estimator, scale, 1.0) != 1 for scale in SCALES):
         return False
-    own = {"friction": friction, **{name: getattr(estimator, name) for name in LoopDelays._fields}}
+    return _are_machines_own({"friction": friction}, signals)
+
+
+def knows_delays(estimator: Estimator, signals: Signals) -> bool:
+    """Return whether an estimator has the dead times and lags of the simulated machine."""
+    return _are_machines_own({name: getattr(estimator, name) for name in LoopDelays._fields}, signals)
+
+
+def _are_machines_own(values: Mapping[str, object], signals: Signals) -> bool:
+    if signals.verification is None:
+        return False
     machine = signals.verification.machine
-    return all(_plain(own[name]) == _plain(value) for name, value in machine.items() if name in own)
+    return all(_plain(value) == _plain(machine[name]) for name, value in values.items() if name in machine)
 
 
 def _plain(value: object) -> object:

@@ -373,11 +373,17 @@ def _measured(
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128], NDArray[np.complex128], NDArray[np.float64]]:
     """Return frequency [rad/s], motion [m], thrust [N] and the deviation of the motion [m] at harmonics, (k,) each."""
     estimator, lines = record.estimator, orders * int(segment.lines[0])
+    thrust = thrust_terms(estimator, segment)[orders - 1]
+    deviation = np.full(lines.size, _term_deviation(segment, estimator.output, record.encoder, alike))
+    return line_omega(segment, lines), record_terms(segment, estimator.output, lines), thrust, deviation
+
+
+def thrust_terms(estimator: DelayedEstimator, segment: Segment) -> NDArray[np.complex128]:
+    """Return the terms of G_di G_do u [N] at the excited line of a sine and at its multiples, shape (orders,)."""
+    lines = harmonic_lines(segment)
     omega = line_omega(segment, lines)
     path = estimator.input_path(omega, segment.sample_time) * estimator.output_path(omega)
-    thrust = path * record_terms(segment, estimator.input, lines)
-    deviation = np.full(lines.size, _term_deviation(segment, estimator.output, record.encoder, alike))
-    return omega, record_terms(segment, estimator.output, lines), thrust, deviation
+    return np.asarray(path * record_terms(segment, estimator.input, lines))
 
 
 def line_omega(segment: Segment, lines: NDArray[np.int64]) -> NDArray[np.float64]:
