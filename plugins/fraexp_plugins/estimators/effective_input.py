@@ -348,7 +348,7 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=10):
             changed = observer.model_copy(update={"nominal_plant" if self.frictions else "friction": moved})
             return changed._contact_forces(alike, factors)
 
-        def delayed(sizes: NDArray[np.float64]) -> Self:
+        def delayed(sizes: NDArray[np.float64]) -> EffectiveInput:
             late = dead_time_std * float(sizes[len(stds)]) if dead_time_std else 0.0
             return self.model_copy(update={"input_dead_time": self.input_dead_time + late})
 
