@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fraexp_plugins.identification.whole_record._joint_fit import LinearRecord, Prior, fit_linear, interval_loss
+from fraexp_plugins.identification.whole_record._joint_fit import LinearRecord, fit_linear, interval_loss
 from scipy.optimize import minimize
 from scipy.stats import norm
 
@@ -33,18 +33,18 @@ def test_the_joint_step_is_that_of_a_minimiser_that_knows_no_blocks():
         LinearRecord(random.normal(0, 2, 40), random.normal(0, 1, (40, 2)), random.normal(0, 1, (40, 3)), 1.0, 0.4)
         for _ in range(3)
     ]
-    radii, prior = (np.full(2, 5.0), [np.full(3, 5.0)] * 3), Prior(np.array([0.3, -0.2]), np.diag([4.0, 9.0]))
+    radii = np.full(2, 5.0), [np.full(3, 5.0)] * 3
 
     def loss(values):
         shared, own = values[:2], values[2:].reshape(3, 3)
-        total = 0.5 * np.sum(values**2) / 25 + prior.loss(shared)
+        total = 0.5 * np.sum(values**2) / 25
         for record, each in zip(records, own, strict=True):
             residual = record.residual - record.shared @ shared - record.own @ each
             total += interval_loss(residual, record.resolution, record.std).value.sum()
         return total
 
     expected = minimize(loss, np.zeros(11), method="BFGS", options={"gtol": 1e-7})
-    step = fit_linear(records, *radii, prior)
+    step = fit_linear(records, *radii)
     np.testing.assert_allclose(np.concatenate([step.shared, *step.own]), expected.x, atol=2e-6)
     assert step.gain == pytest.approx(loss(np.zeros(11)) - expected.fun, rel=1e-9)
     h, unit = 1e-3, np.eye(11)
@@ -53,3 +53,8 @@ def test_the_joint_step_is_that_of_a_minimiser_that_knows_no_blocks():
     ]
     covariance = np.linalg.inv(np.sum(corners, axis=2) / (4 * h**2))
     np.testing.assert_allclose(step.covariances[1][:2, :2], covariance[:2, :2], rtol=0.01)
+    held = np.array([0.2, -0.1])
+    beside = minimize(lambda own: loss(np.append(held, own)), np.zeros(9), method="BFGS", options={"gtol": 1e-7})
+    step = fit_linear(records, *radii, held)
+    np.testing.assert_array_equal(step.shared, held)
+    np.testing.assert_allclose(np.concatenate(step.own), beside.x, atol=2e-6)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fraexp.api import FrictionModel, Signals
 from fraexp_plugins.identification._shared.law_numbers import scaled_friction
-from fraexp_plugins.identification.whole_record._joint_fit import Prior, greatest_ratio, interval_loss
+from fraexp_plugins.identification.whole_record._joint_fit import greatest_ratio, interval_loss
 from fraexp_plugins.identification.whole_record._machine_problem import MachineProblem, Models
 from fraexp_plugins.identification.whole_record._motion_start import (
     FRICTION_ERRORS,
@@ -23,7 +23,8 @@ from fraexp_plugins.identification.whole_record._replayed_record import Trial, p
 from fraexp_plugins.plants.modal import Modal
 
 STEPS_FACTOR = 4
-"""Factor on the steps of the finer replay."""
+"""Factor on the steps of the finer replay, whose error is a fifteenth of the coarser one's. Half of it moves parameters
+by a twentieth of their intervals."""
 REMAINING_SMOOTH, REMAINING_WITH_EVENTS = 2.0 / (STEPS_FACTOR**2 - 1), 1.0 / (STEPS_FACTOR - 1)
 """Error of the finer replay over its difference to the coarser one: twice that of second order, and, for laws with
 events, which are not replayed in lanes, that of first order."""
@@ -45,7 +46,7 @@ def replay_error(
 ) -> ReplayError:
     """Return how a finer replay changes parameters and 1/P̂: by one Newton step towards its greatest likelihood.
 
-    `shared` is the change of the prior of the shared parameters, to which the same replay leads.
+    `shared` is the change of shared parameters that another fit estimates, to which the same replay leads.
     """
     finer = fit.with_more_steps(STEPS_FACTOR)
     model = finer.free.applied_to(finer.start, state.shared)
@@ -67,7 +68,8 @@ def replay_error(
 
 MIN_INDEPENDENCE, DIRECTION_SIZES = 1e-3, (5e-4, 0.02)
 """Least eigenvalue of the information of parameters in units of what each tells alone, below which they act alike, and
-the least and greatest changes of logarithms by which derivatives are taken then."""
+the least and greatest changes of logarithms by which derivatives, right to about 1e-3, are taken
+then."""
 
 
 @dataclass(frozen=True)
@@ -208,12 +210,10 @@ def with_own_responses(found: Fitted) -> Fitted:
 
     The joint fit is efficient: samples that told the shared parameters once would move them off it the second time.
     """
-    covariance = found.covariances[0]
     count = found.state.shared.size
-    information = np.asarray(np.linalg.inv(covariance[:count, :count]), dtype=float)
-    known = Prior(found.state.shared, information) if count else None
+    known = found.covariances[0][:count, :count] if count else None
     stds = np.array([record.std for record in found.linear.records])
-    own = replace(found.fit, has_own_forces=True, prior=known, prior_stds=stds)
+    own = replace(found.fit, has_own_forces=True, shared_covariance=known, prior_stds=stds)
     state, linear = own.converge(found.state, found.linear)
     change_of_shared = replay_error(found.fit, found.state, found.linear).shared_change
     return Fitted(own, state, linear, replay_error(own, state, linear, change_of_shared))
@@ -224,7 +224,7 @@ MAX_PARAMETER_STD = 0.5
 one is held that is known to a quarter."""
 NUMBERS_OF_A_MODE = 3
 MAX_REFINEMENTS = 2
-"""How often the replay's steps are refined if they matter. One leaves laws with a first-order error inexact."""
+"""How often the replay's steps are refined, fourfold each time, while they falsify the result."""
 
 
 def fit_machine(problem: MachineProblem, known: Fitted | None = None) -> tuple[Fitted, int]:

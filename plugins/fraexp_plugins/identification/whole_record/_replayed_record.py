@@ -14,12 +14,13 @@ from fraexp_plugins.identification.whole_record._joint_fit import greatest_varia
 from fraexp_plugins.identification.whole_record._machine_problem import Models
 
 SETTLING_PART = 8
-"""Part of a record that is left out, if it has as many cycles."""
+"""Part of a record that is left out, if it has as many cycles. Twice as much makes intervals 9 % wider."""
 MAX_SLOW_TERMS = 8
-"""Terms slower than the period that a drift has at most."""
+"""Terms slower than the period that a drift has at most: more periods wander hardly faster."""
 START_STATES = 4
 """States that a record may have its own at its start: position and velocity of the rigid body and of a mode. As many
-samples before its end, in which a replay is taken there, do not count."""
+samples before its end, in which a replay is taken there, do not count. With half of them a parameter of a LuGre law
+moves by nine tenths of its interval."""
 
 
 @dataclass(frozen=True)
@@ -232,7 +233,8 @@ MIN_SAMPLES_PER_PULSE = 10
 """Samples of a record for each pulse, below which it tells too little of its start."""
 MIN_MOVED_SAMPLES = 10
 """Samples over which a term spreads: what moves fewer are pulses that the dead time brings to the first samples, each
-by next to nothing, and several terms of the same few samples cannot be told apart."""
+by next to nothing, and several terms of the same few samples cannot be told apart. Half of it moves a parameter of a
+LuGre law by a tenth of its interval."""
 
 
 def start_terms(

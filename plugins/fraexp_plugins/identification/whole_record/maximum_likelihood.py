@@ -63,66 +63,57 @@ from fraexp_plugins.identification.whole_record._motion_start import (
 )
 
 
-class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=10):
-    """P̂ of greatest likelihood: a simulated machine that repeats all samples of the records, friction included.
+class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=11):
+    """P̂, plant and friction parameters with which a simulated machine most probably gives all samples of the records.
 
     The observer of `effective_input` drives its friction model by measured positions, and takes the small difference of
-    two forces. Here the machine itself is simulated along the recorded control input, and plant and friction are those
-    with which it most probably gives the samples that were recorded. A sample tells an interval, that of the encoder's
-    resolution, widened by its noise: the likelihood is Φ((r + q/2)/σ) - Φ((r - q/2)/σ) for the residual r, step q and
-    standard deviation σ (F. Gustafsson and R. Karlsson, Automatica 45(12), 2009). Rounding costs hardly anything then,
-    and the parameters of friction come out as well.
+    two forces. Here the machine itself is simulated along the recorded control input. A sample is an interval as wide
+    as the encoder's step q, blurred by noise of standard deviation σ: the likelihood of a residual r is
+    Φ((r + q/2)/σ) - Φ((r - q/2)/σ) (F. Gustafsson and R. Karlsson, Automatica 45(12), 2009). Rounding then hardly costs
+    accuracy, and the parameters of friction are estimated as well.
 
-    Before that the measured motion drives the friction model, with a plant beside it: what is left of the control input
-    at the excited lines and, of sines, their odd harmonics, tells where the fit begins. The model may be wrong by a
-    factor of three at the start.
+    The search begins where the measured motion, driving the friction law beside a plant, explains the control input at
+    the excited lines and, for sines, at their odd harmonics. The friction model may be wrong by a factor of three.
 
-    `free` names what is estimated of friction: by default one factor on its force and one on its deflections. They
-    belong to all records; the more records of different frequencies and amplitudes there are, the better they are
-    known. The response of each record is its own. At harmonics of the excitation, which friction causes, the plant acts
-    as well: as `nominal_plant`, or as the modal plant that is fitted to all records together. An unknown dead time is
-    estimated if `free` names `input_dead_time`: it may be some samples wrong at the start, or 0, and stands for all
-    dead time of the loop. With `noise` the encoder's noise is estimated from the residual; it must not be more than
-    scatter or spectrum of the records show.
+    All records share the parameters named in `free`: by default one factor on friction's force and one on its
+    deflections. Each record has a response of its own. At harmonics of the excitation, which friction causes, the plant
+    is `nominal_plant`, or a modal plant that is fitted to all records. `input_dead_time` stands for all dead time of
+    the loop, and may be some samples wrong at the start, or 0. `noise` is estimated from the residual, and must not
+    exceed what scatter or spectrum of the records show.
 
-    The band is that of the information in the likelihood, with the parameters' part. The metrics are the parameters
+    The band is that of the information in the likelihood, uncertain parameters included. Metrics are the parameters
     with their 95 % intervals, and the geometric mean of the residuals over what noise and rounding explain, which is 1
-    where the model is right. Where it is not, the outcome is not ok, and the message says so: another friction law,
-    wrong dead times, unknown noise. Where noise covers the encoder's steps, the residual must be white, too. A
-    parameter that the records do not tell is held, and named. Plant and friction are results as components too, where
-    the parameters of the law can express the scales. Where noise goes round a loop, no period repeats another. The
-    state at the start of a record is then its own, too.
+    for a right model. If it is larger than chance allows (a χ² test), or if noise covers the encoder's steps and the
+    residual is not white, the outcome is not ok: the law, a dead time or the noise is wrong. Unidentifiable parameters
+    are fixed and named. Plant and friction are also results as components, if the law's parameters can express the
+    scales.
 
-    **Which law?** With `laws`, names of any laws, your own included, or several models as `starts`, each law is fitted
-    to three quarters of the records with its scales and its shape parameters free (viscous coefficient, static force,
-    Stribeck velocity, damping, attraction, and pure numbers without a default). A named law begins with numbers of the
-    sizes that their units say, and with those of its first preset where units say nothing. What it leaves of the
-    others, over what noise and rounding explain, is 1 where law and plant are right (cross-validation: M. Stone, J.
-    Royal Statistical Society B 36(2), 1974). The law with the least residual wins; of equals that with the least
-    Bayesian information criterion, which is the simpler one unless the other is much more likely. Where a law fits,
-    those that left five times as much along the motion, or more with no fewer parameters, are not carried to the end;
-    laws that are not replayed in lanes (elastoplastic, GMS) take minutes, and are tried last, if no other law fits. A
-    law that cannot be computed is named, and the others go on. `verdict` is 1 if a law fits. Take some 16 frequencies
-    or more, from presliding to gross sliding, or two amplitudes (`concatenated`): laws that differ only in what the
-    records do not show, such as the Stribeck effect without slow sliding, are not told apart.
+    **Which law?** Each of several `laws` or `starts` is fitted to three quarters of the records with its scales and
+    shape parameters free (viscous coefficient, static force, Stribeck velocity, damping, attraction, and pure numbers
+    without a default), and predicts the others (cross-validation: M. Stone, J. Royal Statistical Society B 36(2),
+    1974). The law with the smallest residual wins; among laws that an F test finds equal it is the one with the
+    smallest Bayesian information criterion, which is the simpler one unless the other is much more likely. `laws` are
+    names of any laws, your own included: the search begins at numbers of the sizes that their units imply, and at those
+    of the law's first preset where units do not imply any. If a law fits, those with a residual five times as large
+    along the measured motion, or with a larger one and no fewer parameters, are not fitted further; laws that cannot
+    run in lanes (elastoplastic, GMS) take minutes and are tried only if no other law fits. A law that cannot be
+    computed is named. `verdict` is 1 if a law fits. Use 16 frequencies or more, from presliding to gross sliding, or
+    two amplitudes (`concatenated`).
 
-    **Several contacts.** The response between one thrust and one position does not say how friction at another contact
-    moves the machine. So the plant is one with ports whose numbers are estimated, `nominal_plant` being the start, and
-    P̂ is its response: a mode that it lacks is not found, but shows in the residual. The one position that is fed back
-    tells the scales of all contacts if the records have frequencies below and above the modes; below them all contacts
-    move alike. There is one start, which must be near: friction, its viscous part included, and plant within some ten
-    percent. A number that is 0 at the start stays 0.
+    **Several contacts.** One thrust and one position do not show how friction at another contact moves the machine. So
+    P̂ is the response of a plant with ports whose numbers are estimated, beginning with `nominal_plant`; a mode that it
+    lacks shows in the residual. The records need frequencies below and above the modes: below them all contacts move
+    alike. There is one start, which must be within some ten percent. A number that is 0 at the start stays 0.
 
-    It needs the steady state of stepped sines or multisines of up to 64 lines. Where friction holds the machine nearly
-    still at all frequencies there is nothing to see, by this method neither. Simulation takes time: about 0.1 s for
-    each frequency.
+    The records are the steady state of stepped sines or multisines of up to 64 lines. If friction holds the machine
+    nearly still at all frequencies, this method does not help either. A fit takes about 0.05 s for each frequency.
     """
 
     friction: FrictionModel | None = param("", "friction model at the start", None, inherit="friction")
     frictions: dict[str, FrictionModel] = param(
         "", "friction model of each contact at the start, of a machine with several", {}, inherit="friction"
     )
-    laws: tuple[type[FrictionModel], ...] = param("", "names of laws to choose from, of any law, without numbers", ())
+    laws: tuple[type[FrictionModel], ...] = param("", "names of friction laws to choose from", ())
     starts: tuple[FrictionModel, ...] = param("", "friction models to choose from, of any law, in place of one", ())
     free: tuple[str, ...] | None = param(
         "",
