@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-WORDS = 3
-"""Most words of a name: a quantity with its unit, or a command; more would be a sentence."""
+MAX_WORDS = 3
+"""Words of a name, such as a quantity with its unit or a command; more would be a sentence."""
 
 
 @contextmanager
@@ -18,11 +18,12 @@ def refused(kind: type[Exception] | tuple[type[Exception], ...], *names: object)
     A name is found as a whole, so that 1 is not in 12 and 'load' not in 'workload'.
     """
     expected = [str(name) for name in names]
-    assert all(len(name.split()) <= WORDS for name in expected), "a sentence is no name"
+    assert all(len(name.split()) <= MAX_WORDS for name in expected), "a sentence is no name"
     with pytest.raises(kind) as caught:
         yield caught
     text = str(caught.value)
     assert "\n" not in text
     for name in expected:
+        # no letter or digit goes on before or behind it, and no decimals do
         whole = rf"(?:\b|(?!\w))(?:(?<!\d\.)|(?!\d)){re.escape(name)}(?:\b|(?<!\w))(?!\.\d)"
         assert re.search(whole, text), f"{name!r} is not in {text!r}"

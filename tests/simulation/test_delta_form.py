@@ -75,7 +75,7 @@ def test_c_keeps_its_digits_over_a_million_samples(
 @pytest.mark.parametrize("name", ["notched", "fast"])
 def test_structured_text_in_single_precision_keeps_its_digits(registry: Registry, name: str) -> None:
     block, _ = feedback(registry, CONTROLLERS[name])
-    error = errors(2000)
+    error = errors(600)
     expected = block.run(at_rest(error))
     plc = Machine(st_text([block], "axis", ["test"], is_single=True))
     instance = plc.create("FB_axis_feedback")
