@@ -183,7 +183,7 @@ def test_a_place_without_a_cluster_is_one_line(tmp_path, monkeypatch, name, name
 def test_without_a_cluster_nothing_is_stored(tmp_path):
     told = run(workspace(tmp_path), "trials", "--executor=dask:tcp://127.0.0.1:1")
     assert told.returncode == ExitCode.USAGE, told.stderr
-    assert ["tcp://127.0.0.1:1"] in told.stderr.splitlines()[-1]
+    assert "tcp://127.0.0.1:1" in told.stderr.splitlines()[-1]
     assert "Traceback" not in told.stderr
     with Store.open(str(tmp_path / "results.db"), read_only=True) as store:
         assert store.runs() == []
