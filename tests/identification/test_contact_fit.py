@@ -96,9 +96,11 @@ def test_a_contact_without_its_friction_does_not_fit(record):
 
 
 @pytest.mark.thorough
-def test_what_is_not_free_stays_as_given(record):
-    result = estimator(load=(1.05, 1.0), free=["load.force_scale", "stiffness"]).estimate(record)
+def test_what_is_not_free_stays_as_given_and_the_dead_time_is_found(record):
+    free = ["load.force_scale", "stiffness", "input_dead_time"]
+    result = estimator(load=(1.05, 1.0), free=free, input_dead_time=0.9e-3).estimate(record)
     known = {metric.name: metric.value for metric in result.metrics}
+    assert known["input_dead_time"] == pytest.approx(DEAD_SAMPLES * SAMPLE, abs=1e-7)
     assert result.outcome is Outcome.OK, result.message
     assert known["load.force_scale"] == pytest.approx(1 / 1.05, rel=1e-3)
     assert "motor_mass" not in known

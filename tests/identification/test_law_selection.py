@@ -53,15 +53,6 @@ def test_shape_parameters_are_those_that_scales_do_not_change(registry):
     assert set(shape_parameters(rolling)) == {"viscous_coefficient", "curve.min_knot", "curve.max_knot"}
 
 
-def test_the_start_is_near_without_any_knowledge(recorded, registry):
-    starts = comparison(laws=["rolling", "dahl", "lugre"])._candidates(recorded(SINE, noise=0.0), 0.0)
-    curve = MACHINE["friction"]["curve"]
-    assert [model.name for model in starts] == ["rolling", "dahl", "lugre"]
-    assert starts[0].curve.coulomb_force == pytest.approx(curve["coulomb_force"], rel=0.1)
-    width = curve["characteristic_displacement"]
-    assert starts[0].curve.characteristic_displacement == pytest.approx(width, rel=0.1)
-
-
 def test_too_few_records_are_refused(recorded):
     signals = recorded(SINE, noise=0.0)
     with pytest.raises(RecordError, match=r"there are 5 records; expected 8 or more"):
