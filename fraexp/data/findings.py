@@ -67,7 +67,8 @@ KINDS: Mapping[str, Kind] = {
         "the band is too wide by the friction model, or the delays",
         "nothing tells how good the friction model is, or harmonics of the motion contradict it or a dead time",
         "raise the amplitude, measure frequencies at most 1.5 times apart, whose harmonics tell how wrong the model "
-        "is, or identify friction and state how well it is known (deviations, force_std, displacement_std)",
+        "is, or identify friction and state how well it and the delays are known (deviations, force_std, "
+        "displacement_std, dead_time_std)",
     ),
     "band by noise": Kind(
         "the band is too wide by noise and rounding",

@@ -74,7 +74,7 @@ def test_a_dead_time_is_found_from_the_harmonics(signals, dead_time):
     )
     metrics = {metric.name: metric.value for metric in found.metrics}
     off = metrics["input_dead_time by harmonics"] - DELAYS["input_dead_time"]
-    assert abs(off) < metrics["input_dead_time by harmonics, 95 %"] < 1e-4
+    assert abs(off) < metrics["input_dead_time by harmonics, 95 %"] < 5e-5
     assert errors(found)[1].mean() > 0.9
 
 
