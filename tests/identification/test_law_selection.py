@@ -13,6 +13,7 @@ from fraexp.errors import FraexpError, RecordError
 from tests.identification.plant_responses import SCALE
 from tests.identification.test_maximum_likelihood import LUGRE, MACHINE, metrics, plant_at
 from tests.machines import decibel, degrees
+from tests.refusals import refused
 
 SINE = {"name": "stepped_sine", "amplitude": 12.0, "points": 20}
 
@@ -88,12 +89,16 @@ def test_a_law_of_the_user_is_identified_by_its_name(recorded, with_own_law):
 
 
 @pytest.mark.parametrize(
-    ("laws", "message"),
-    [(["dahll"], "no friction is called 'dahll'; did you mean 'dahl'"), (["composite"], "give a model in `starts`")],
+    ("given", "names"),
+    [
+        ({"laws": ["dahll"]}, ["dahll", "dahl"]),
+        ({"laws": ["composite"]}, ["laws", "starts"]),
+        ({"laws": ["dahl"], "free": ["force_scale"]}, ["free", "force_scale"]),
+    ],
 )
-def test_a_law_that_cannot_begin_is_refused(laws, message):
-    with pytest.raises(FraexpError, match=message):
-        comparison(laws=laws)
+def test_a_choice_that_cannot_begin_is_refused(given, names):
+    with refused(FraexpError, *names):
+        comparison(**given)
 
 
 @pytest.mark.thorough

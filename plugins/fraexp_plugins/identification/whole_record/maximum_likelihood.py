@@ -142,11 +142,7 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=11)
 
     def model_post_init(self, context: object) -> None:
         """Check the names of the free parameters, and that plant and friction can be replayed."""
-        for law in self.laws:
-            try:
-                RoughFriction(1.0, 1e-5, 1e-2).model(law)
-            except ParameterError as error:
-                raise ParameterError("maximum_likelihood.laws: ", *error.args, "; give a model in `starts`") from None
+        self._check_choice()
         models: dict[str, FrictionModel | None] = {"friction": self.friction}
         models |= {f"frictions.{contact}": model for contact, model in self.frictions.items()}
         models |= {f"starts.{place}": model for place, model in enumerate(self.starts)}
@@ -174,6 +170,20 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=11)
         for model in self.starts if self._is_open else (self.friction,):
             if model is not None or self.frictions:
                 self._free_of(model)
+
+    def _check_choice(self) -> None:
+        """Check that each law to choose from has a model to begin with, and that nothing of it is said to be fixed."""
+        for law in self.laws:
+            try:
+                RoughFriction(1.0, 1e-5, 1e-2).model(law)
+            except ParameterError as error:
+                raise ParameterError("maximum_likelihood.laws: ", *error.args, "; give a model in `starts`") from None
+        fixed = [name for name in self.free or () if self._is_open and name not in (DEAD_TIME, NOISE)]
+        if fixed:
+            raise ParameterError(
+                f"maximum_likelihood.free names '{fixed[0]}', and laws to choose from have all their numbers free; "
+                f"leave it out: {DEAD_TIME} and {NOISE} can be named"
+            )
 
     def estimate(self, signals: Signals) -> Result:
         """Return P̂ with its band, the friction parameters, and how well the model repeats the records."""
