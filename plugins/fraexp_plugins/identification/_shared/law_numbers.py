@@ -128,7 +128,7 @@ class LawNumber(NamedTuple):
     upper: float
     """Bound above; infinite if there is none."""
     base: float
-    """Bound below: the law's first force for one that must not be less, else 0."""
+    """Bound below; the law's first force for one that must not be less."""
 
     @property
     def name(self) -> str:
@@ -143,7 +143,7 @@ class LawNumber(NamedTuple):
     def value_at(self, coordinate: float) -> float:
         """Return the value of a coordinate."""
         if np.isfinite(self.upper):
-            return float(self.upper * min(1 / (1 + np.exp(-coordinate)), 1 - 1e-9))
+            return float(self.base + (self.upper - self.base) * min(1 / (1 + np.exp(-coordinate)), 1 - 1e-9))
         return float(self.base + np.exp(coordinate))
 
 
@@ -193,7 +193,7 @@ class LawNumbers:
     def force_excess(self, coordinates: NDArray[np.float64]) -> float:
         """Return the greatest force that is bounded by the first one, over that, less 1; 0 if there is none."""
         values = zip(self.numbers, self.values(coordinates).tolist(), strict=True)
-        bounded = [value / each.base - 1 for each, value in values if each.unit == "N" and each.base]
+        bounded = [value / each.base - 1 for each, value in values if each.unit == "N" and each.base > 0]
         return max(bounded, default=0.0)
 
     def _bounded(self, number: LawNumber) -> LawNumber:
@@ -254,11 +254,20 @@ def _numbers_of(model: FrictionModel, name: str) -> list[LawNumber]:
     unit = unit_of_field(info)
     if name not in model.model_fields_set or name == VISCOUS or not (unit in EXPONENTS or unit == "1"):
         return []
-    bounds = [getattr(each, key, None) for each in info.metadata for key in ("lt", "le")]
-    upper = next((float(each) for each in bounds if each is not None), np.inf)
     if isinstance(value, tuple):
         return [LawNumber(name, place, unit, float(each), np.inf, 0.0) for place, each in enumerate(value) if each]
-    return [LawNumber(name, None, unit, value, upper, 0.0)] if isinstance(value, float) and value else []
+    low, high = _bounds(info)
+    number = LawNumber(name, None, unit, value, np.inf if high is None else high, low or 0.0)
+    return [number] if isinstance(value, float) and value else []
+
+
+def _bounds(info: FieldInfo) -> tuple[float | None, float | None]:
+    """Return the bounds of a parameter; None where it has none."""
+    low, high = (
+        next((float(getattr(each, word)) for each in info.metadata for word in words if hasattr(each, word)), None)
+        for words in (("gt", "ge"), ("lt", "le"))
+    )
+    return low, high
 
 
 def rough_model(
@@ -301,10 +310,6 @@ def rough_model(
 
 def _stated_value(law: type[FrictionModel], name: str) -> Any:
     """Return what a law states of a number: a preset, or the middle of its bounds; None if there is neither."""
-    bounds = law.model_fields[name].metadata
-    low, high = (
-        next((getattr(each, word) for each in bounds for word in words if hasattr(each, word)), None)
-        for words in (("gt", "ge"), ("lt", "le"))
-    )
+    low, high = _bounds(law.model_fields[name])
     preset = next((values[name] for values in law.presets.values() if name in values), None)
     return (low + high) / 2 if preset is None and low is not None and high is not None else preset

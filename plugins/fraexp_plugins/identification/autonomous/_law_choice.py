@@ -8,14 +8,16 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import FraexpError, FrictionModel, RecordError, Signals
+from fraexp.api import FraexpError, RecordError, Signals
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification.autonomous._law_columns import (
     ELEMENT_RANGE,
     START_EXCESS,
+    Law,
     LawColumns,
     elements_law,
     laws_of_fraexp,
+    named_law,
     unit_law,
 )
 from fraexp_plugins.identification.autonomous._law_search import (
@@ -134,7 +136,7 @@ class LawSelection:
         self._failed: list[str] = []
         self._doubts: dict[LawFit, LawUncertainty] = {}
 
-    def choose(self, laws: Sequence[FrictionModel], is_any: bool) -> LawChoice:
+    def choose(self, laws: Sequence[Law], is_any: bool) -> LawChoice:
         """Return the best of a free set of elements and some laws, of those that fraexp has too if `is_any`."""
         profiles: dict[int, LawSearch] = {}
         for law, starts in self._families(laws, is_any):
@@ -185,7 +187,7 @@ class LawSelection:
         return LineRecords.of(self._signals, self._coarse, self._model_error)
 
     def _families(
-        self, laws: Sequence[FrictionModel], is_any: bool
+        self, laws: Sequence[Law], is_any: bool
     ) -> Iterator[tuple[LawColumns, list[list[NDArray[np.float64]]]]]:
         """Yield laws of some shape, the cheapest ones first, and the shapes at which each search may begin."""
         largest, velocity = self._bare.swing, self._bare.speed
@@ -196,7 +198,8 @@ class LawSelection:
         lowest = 2 * float(self._bare.frequency.min())
         built_in = laws_of_fraexp(velocity) if is_any else []
         sizes = {"m": largest * START_WIDTHS, "N/s": np.array(START_RATES_S), "N": np.array([START_EXCESS])}
-        for model in (*built_in[:-1], *map(unit_law, laws), *built_in[-1:]):
+        own = [unit_law(named_law(each, largest, velocity) if isinstance(each, type) else each) for each in laws]
+        for model in (*built_in[:-1], *own, *built_in[-1:]):
             law = LawColumns(model, np.empty(0), np.empty(0), lowest)
             law = replace(law, thresholds=few) if law.has_elements else law
             slow, fast = ({**sizes, "m/s": velocity * np.array(each)} for each in START_VELOCITIES)

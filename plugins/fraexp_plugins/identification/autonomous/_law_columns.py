@@ -18,7 +18,7 @@ from fraexp_plugins.friction.elastoplastic import Elastoplastic
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.friction.lugre import LuGre
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification._shared.law_numbers import EXPONENTS, VISCOUS, LawNumbers, unit_of_field
+from fraexp_plugins.identification._shared.law_numbers import EXPONENTS, VISCOUS, LawNumbers, rough_model, unit_of_field
 
 RELAXATIONS = (0.0, 0.6, 1.7)
 """Dampers of an element over the relaxation time."""
@@ -32,11 +32,13 @@ LEAST_FORCE = 1e-12
 """Least force of a model [N]: that of records without friction is 0."""
 NO_DAMPING = 1e-9
 """Damping over that of a unit column, of a law whose damper is a column of its own."""
-START_EXCESS, START_RATIO = 0.2, 0.6
-"""Static over Coulomb force, less 1, and elastic limit over the width, of a law at its start."""
+START_EXCESS, START_RATIO, START_WIDTH = 0.2, 0.6, 4e-3
+"""Static over Coulomb force, less 1, elastic limit over the width, and width over the motion, of a law at its start."""
 
 
 LawKey = tuple[str, bytes, bytes, float]
+Law = FrictionModel | type[FrictionModel]
+"""A law with numbers from which a search may begin, or without."""
 
 
 @dataclass(frozen=True)
@@ -232,6 +234,15 @@ def laws_of_fraexp(velocity: float) -> tuple[FrictionModel, ...]:
         Elastoplastic(**bristles, elastic_limit_ratio=START_RATIO),
         GeneralizedMaxwellSlip(stiffness=(1.0,), force_fractions=(1.0,), attraction_rate=1.0, **stribeck),
     )
+
+
+def named_law(law: type[FrictionModel], motion: float, velocity: float) -> FrictionModel:
+    """Return a model of a law, of one element if it has any, for a largest motion [m] and velocity [m/s].
+
+    ParameterError for a number of which nothing is known.
+    """
+    width = START_WIDTH * motion
+    return rough_model(law, (np.array([1 / width]), np.ones(1)), velocity, with_damping=True)
 
 
 def unit_law(model: FrictionModel) -> FrictionModel:

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from fraexp.api import FrictionModel, Metric, Outcome, RecordError, Result, Signals, param, remarks
+from fraexp.api import FrictionModel, Metric, Outcome, ParameterError, RecordError, Result, Signals, param, remarks
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
@@ -13,6 +13,7 @@ from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.identification._shared.usable_records import FORCE_FLOOR, usable_signals
 from fraexp_plugins.identification.autonomous._identified_plant import IdentifiedPlant, identify_plant
 from fraexp_plugins.identification.autonomous._law_choice import LawSelection
+from fraexp_plugins.identification.autonomous._law_columns import named_law
 from fraexp_plugins.identification.autonomous._law_report import FittedLaw, LawReport
 from fraexp_plugins.identification.autonomous._line_records import LineRecords, remove_drift
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
@@ -27,7 +28,7 @@ MAX_DEAD_TIME_STEPS, DEAD_TIME_TOLERANCE = 4, 5e-3
 """Fits of the dead time, each with the friction of the one before, and the step [samples] that is the last one."""
 
 
-class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=5):
+class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=6):
     """Friction, P̂ and the plant of eq (1) together, such that P̂ is the same at all amplitudes and phases.
 
     G_di G_do U_a = Y_a/P + F_a for each record a, at each excited line, with a 1/P of its own, and at the odd harmonics
@@ -36,8 +37,8 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=5):
     10(2), 1973, doi 10.1137/0710036; C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, 1974, ch. 23, doi
     10.1137/1.9781611971217). The law is a free set of elasto-slide elements (eqs 6-11) on a grid of thresholds, a
     convex problem without start values. With `law = "any"` the other laws of fraexp and dampers of the elements are
-    tried too, with `laws` further ones; the one with the smallest residual is taken. The verdict is not ok if noise and
-    rounding do not explain that residual.
+    tried too, with `laws` and `starts` further ones; the one with the smallest residual is taken. The verdict is not ok
+    if noise and rounding do not explain that residual.
 
     This does not separate a force that is linear in the motion from the plant. A rigid body with modes, eq (1), is
     neither damped nor held: viscous friction D v and a spring are what `modal_fit` needs in addition, and are removed
@@ -68,9 +69,8 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=5):
     law: Literal["elements", "any"] = param(
         "", "elements: a free set of elements; any: each law that fraexp has", "elements"
     )
-    laws: tuple[FrictionModel, ...] = param(
-        "", "further friction laws that are tried, your own ones, each with numbers from which a search may begin", ()
-    )
+    laws: tuple[type[FrictionModel], ...] = param("", "names of further laws that are tried, your own included", ())
+    starts: tuple[FrictionModel, ...] = param("", "friction models to start from, of further laws that are tried", ())
     estimate_dead_time: bool = param("", "whether dead time is estimated, in addition to `input_dead_time`", False)
     resolution: float = param("m", "quantisation step of the encoder", 0.0, at_least=0, inherit="loop.resolution")
     noise: float = param("m", "standard deviation of the encoder's noise", 0.0, at_least=0, inherit="loop.noise")
@@ -100,8 +100,13 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=5):
     )
 
     def model_post_init(self, context: object) -> None:
-        """Check the frequency range by building the plant fit."""
+        """Check the frequency range by building the plant fit, and that a search for each law can begin."""
         self._modal()
+        for law in self.laws:
+            try:
+                named_law(law, 1.0, 1.0)
+            except ParameterError as error:
+                raise ParameterError("plant_and_friction.laws: ", *error.args, "; give a model in `starts`") from None
 
     def estimate(self, signals: Signals) -> Result:
         """Return P̂ with its band, plant, friction model, dead time and verdict."""
@@ -139,7 +144,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=5):
     def _fitted(self, signals: Signals) -> FittedLaw:
         """Return the fit of the law with the smallest residual."""
         selection = LawSelection(signals, self._observer(), self.model_error, self.estimate_dead_time)
-        choice = selection.choose(self.laws, self.law == "any")
+        choice = selection.choose((*self.laws, *self.starts), self.law == "any")
         return FittedLaw(choice, choice.records.deflection(choice.best.law), choice.best.dead_time)
 
     def _check(self, found: FittedLaw) -> None:
