@@ -34,6 +34,7 @@ from fraexp_plugins.estimators._shared.contacts import (
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT, ObserverEstimator, is_from_rest
 from fraexp_plugins.estimators._shared.friction_band import (
     DEAD_TIME_STD,
+    MIN_FACTOR,
     SCALES,
     UNSTATED,
     ModelErrors,
@@ -338,7 +339,9 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=10):
             return None
         observer, alike, outputs = self._of_mean_periods(signals)
         scales = {name: getattr(self, name.split(": ")[-1]) for name in stds}
-        numbers = {name: UncertainNumber(value, value * stds[name], "1") for name, value in scales.items()}
+        numbers = {
+            name: UncertainNumber(value, value * stds[name], "1", MIN_FACTOR * value) for name, value in scales.items()
+        }
         if dead_time_std:
             numbers["input_dead_time"] = UncertainNumber(self.input_dead_time, dead_time_std, "s")
 

@@ -59,6 +59,8 @@ class UncertainNumber(NamedTuple):
     std: float
     """Standard deviation."""
     unit: str
+    least: float = -np.inf
+    """Value below which it is not taken."""
 
 
 class ModelErrors(NamedTuple):
@@ -88,7 +90,7 @@ class ModelErrors(NamedTuple):
         ):
             if size > MAX_DEVIATION:
                 continue
-            found.append(Metric(f"{name} by harmonics", of.value + of.std * mean, of.unit))
+            found.append(Metric(f"{name} by harmonics", max(of.value + of.std * mean, of.least), of.unit))
             found.append(Metric(f"{name} by harmonics, 95 %", NORMAL_QUANTILE * of.std * size, of.unit))
         return tuple(found) if posterior.harmonics else ()
 
