@@ -5,6 +5,7 @@ models that are off as their prior says, the dead time of every second one too. 
 more than twice the accuracy, and not in its 99.9 % band.
 """
 
+import sys
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -108,10 +109,14 @@ def drawn(bench: Bench) -> None:
         signals, scales = simulated(built, sine), {"force_scale": float(force), "displacement_scale": float(width)}
         late = number % 2 * DEAD_TIME_STD * sections["loop"]["sample_time"] * random.standard_normal()
         found.append(estimated(built, sections, signals, late, **scales))
+        if len(found) % 20 == 0:
+            print(f"  {len(found)} of {bench.options.sweeps} sweeps", file=sys.stderr, flush=True)
     every = Points(*(np.concatenate(column) for column in zip(*found, strict=True)))
     scatter = np.std([each.is_held.mean() for each in found if each.is_held.size]) / np.sqrt(len(found))
     held, off = every.is_held.mean(), every.is_off[every.is_ok].mean() if every.is_ok.any() else 0.0
+    apart = [every.is_held[each].mean() if each.any() else 1.0 for each in (every.is_ok, ~every.is_ok)]
     bench.row("points whose band holds the plant", f"{held:.1%} ± {2 * scatter:.1%}", held >= HELD)
+    bench.row("of those that are ok, and of the others", "{:.1%}, {:.1%}".format(*apart))
     bench.row("of points that are ok, off by more than the accuracy", f"{off:.1%} of {every.is_ok.sum()}", off <= OFF)
     bench.row("points that are ok and wrong", f"{every.is_wrong.sum()}", not every.is_wrong.any())
 
