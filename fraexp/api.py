@@ -2,12 +2,21 @@
 
 from fraexp.analysis.array_cache import cached_arrays
 from fraexp.analysis.band_reach import BandReach
-from fraexp.analysis.confidence import NORMAL_QUANTILE, circle_factor, degrees_of_freedom
+from fraexp.analysis.confidence import NORMAL_QUANTILE, circle_factor, degrees_of_freedom, interval_factor
 from fraexp.analysis.delays import hold_response, image_factor, path_response
 from fraexp.analysis.fourier import fourier_sums, phasors, record_spectrum
 from fraexp.analysis.quantisation import grid_step, phasor_variance, rounding_symmetry
 from fraexp.analysis.response import response_result, silence
 from fraexp.analysis.steady_motion import find_steady_motion
+from fraexp.analysis.tolerances import (
+    COARSE_DIFFERENCE,
+    CURVE_POINTS,
+    DIFFERENCE,
+    MAX_ITERATIONS,
+    ROUNDING,
+    SIGNIFICANCE,
+    significant_deviation,
+)
 from fraexp.components.kinds import (
     Controller,
     Estimator,
@@ -44,8 +53,14 @@ from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from fraexp.simulation.replay import Replay, Replayed, ReplayModel, replay
 
 __all__ = [
+    "COARSE_DIFFERENCE",
+    "CURVE_POINTS",
+    "DIFFERENCE",
     "HARMONICS",
+    "MAX_ITERATIONS",
     "NORMAL_QUANTILE",
+    "ROUNDING",
+    "SIGNIFICANCE",
     "BandReach",
     "Chunk",
     "ConnectionLostError",
@@ -105,6 +120,7 @@ __all__ = [
     "hold_response",
     "hookimpl",
     "image_factor",
+    "interval_factor",
     "live_setup",
     "param",
     "path_response",
@@ -117,6 +133,7 @@ __all__ = [
     "replay",
     "response_result",
     "rounding_symmetry",
+    "significant_deviation",
     "silence",
     "simulate_loop",
     "where",

@@ -27,7 +27,7 @@ def test_a_model_that_errs_says_so():
     assert (
         values(result)[1]["rigid_body_gain"] > 20 * values(fitted(measured(known=True), modes=2))[1]["rigid_body_gain"]
     )
-    assert "its part by noise is unknown" in fitted(measured(), modes=1).message
+    assert "not white, hence no noise" in fitted(measured(), modes=1).message
     assert "not white" in fitted(measured(noise=3e-3), modes=2, dead_time=DEAD_TIME + 2e-5).message
 
 

@@ -8,12 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import ParameterError, Ports, Segment, Signals, record_spectrum
+from fraexp.api import ROUNDING, ParameterError, Ports, Segment, Signals, record_spectrum
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT, ObserverEstimator
 from fraexp_plugins.estimators._shared.friction_posterior import harmonic_lines, line_omega, record_terms
 
-MIN_WEIGHT = 1e-9
-"""Weight of a position in a displacement that counts as none."""
 Ratio = Callable[[NDArray[np.float64]], NDArray[np.complex128]]
 """Returns a ratio, shape (n,), at ω [rad/s]."""
 
@@ -156,8 +154,8 @@ class ContactPlant(NamedTuple):
         rows = np.array([self.ports.positions[of] for of in measured.values()]).reshape(-1, self.ports.a.shape[0])
         row = self.ports.contacts[contact].displacement
         solved = np.linalg.lstsq(rows.T, row, rcond=None)[0]
-        weights = np.where(np.abs(solved) > MIN_WEIGHT, solved, 0.0).astype(float)
-        if not np.allclose(weights @ rows, row, rtol=0.0, atol=MIN_WEIGHT * np.abs(row).max()):
+        weights = np.where(np.abs(solved) > ROUNDING, solved, 0.0).astype(float)
+        if not np.allclose(weights @ rows, row, rtol=0.0, atol=ROUNDING * np.abs(row).max()):
             return None
         return {channel: weight for channel, weight in zip(measured, weights.tolist(), strict=True) if weight}
 

@@ -12,14 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import at_worst
+from fraexp.api import SIGNIFICANCE, at_worst
 from fraexp_plugins.estimators._shared.hann_windows import independent_windows, longest_record
 from fraexp_plugins.estimators._shared.realisations import Group, Part, circular_covariance
 
 DIFFERENCE_VARIANCE = 0.73
 """E|D|² by noise alone over the variance of Ĝ(T): Monte-Carlo, Hann windows with 50 % overlap."""
-FALSE_ALARM_PROBABILITY = 0.01
-"""Probability with which noise alone looks like leakage in a record."""
 MIN_WINDOWS = 3
 """Lengths of a window that a record needs for windows of twice that length to be compared."""
 NEIGHBOURS = 3
@@ -103,7 +101,7 @@ def _evidence(difference: NDArray[np.float64], expected: NDArray[np.float64], wi
     known = np.isfinite(difference) & np.isfinite(expected) & (expected > 0)
     ratio = np.where(known, difference / np.where(known, expected, 1.0), 0.0)
     average = _running_mean(ratio, NEIGHBOURS)
-    limit = fdtri(FREEDOM, windows, 1 - FALSE_ALARM_PROBABILITY / max(known.sum(), 1))
+    limit = fdtri(FREEDOM, windows, 1 - SIGNIFICANCE / max(known.sum(), 1))
     is_significant = known & (average > limit)
     is_likely = known & (average > LOCAL_EVIDENCE) & is_significant.any()
     return _Evidence(is_likely, is_significant, np.maximum(1 - 1 / np.maximum(ratio, 1.0), 0.0))

@@ -11,12 +11,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import RecordError, Segment, record_spectrum
-
-NEGLIGIBLE_EXCITATION = 1e-10
-"""Size of an excited bin, relative to the largest one around the line, below which it counts as not excited."""
-DENOMINATOR_SIGNIFICANCE = 1e-4
-"""Probability at which chance alone makes a denominator better than none."""
+from fraexp.api import ROUNDING, SIGNIFICANCE, RecordError, Segment, record_spectrum
 
 
 @dataclass(frozen=True)
@@ -175,7 +170,7 @@ def _columns(segment: Segment, drive: str | None, windows: LineWindows, order: i
         return np.concatenate([powers, windows.center[:, :, None]], axis=2)
     values = record_spectrum(segment, drive)[windows.bins]
     size = np.abs(values).max(axis=1, keepdims=True)
-    if np.any(np.sum(np.abs(values) > NEGLIGIBLE_EXCITATION * size, axis=1) <= order):
+    if np.any(np.sum(np.abs(values) > ROUNDING * size, axis=1) <= order):
         raise RecordError(
             f"the channel '{drive}' excites {order} bins or fewer around a line; expected {order + 1} or more: record "
             "two periods or more, excite neighbouring bins, lower 'order', or raise 'half_width'"
@@ -235,7 +230,7 @@ def _significant_fit(polynomial: LocalEstimate, rational: LocalEstimate) -> Loca
     from scipy.special import fdtri  # slow to import: listing plugins must stay fast
 
     spent = polynomial.freedom - rational.freedom
-    limit = fdtri(2 * spent, 2 * rational.freedom, 1 - DENOMINATOR_SIGNIFICANCE)
+    limit = fdtri(2 * spent, 2 * rational.freedom, 1 - SIGNIFICANCE / polynomial.square.size)
     chosen = (polynomial.square - rational.square) * rational.freedom > limit * rational.square * spent
     names = [field.name for field in fields(LocalEstimate)]
     return LocalEstimate(*(np.where(chosen, getattr(rational, name), getattr(polynomial, name)) for name in names))

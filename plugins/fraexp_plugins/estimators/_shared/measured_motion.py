@@ -14,14 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import (
-    Encoder,
-    Result,
-    Segment,
-    grid_step,
-    phasor_variance,
-    record_spectrum,
-)
+from fraexp.api import MAX_ITERATIONS, Encoder, Result, Segment, grid_step, phasor_variance, record_spectrum
 
 NEGLIGIBLE_SHARE = 1e-5
 """Step over the range of a channel below which its rounding is negligible: that of the numbers in a file."""
@@ -29,8 +22,6 @@ ROUNDING_HARMONICS = 200
 """Terms of the Fourier series of the rounding error over one quantisation step."""
 SIGNIFICANT_DITHER = 0.75
 """Noise in quantisation steps, times the order, from which dither removes a harmonic of the rounding error."""
-BISECTIONS = 20
-"""Halvings of an interval of noise."""
 COHERENCE = 2.0
 """Variance of a term by rounding that repeats, over that of white rounding: about a step of the scale, where a loop
 rests, neighbouring terms err alike. In the loop of the paper at 12 N it is 2.1 over 1 to 55 Hz."""
@@ -243,7 +234,7 @@ def _repeated_rounding(
 def _noise_from_scatter(variance: float, resolution: float) -> float:
     """Return the noise [m] with which rounded positions scatter with this variance [m²] from period to period."""
     low, high = 0.0, float(np.sqrt(variance))  # rounding only adds to the scatter
-    for _ in range(BISECTIONS):
+    for _ in range(MAX_ITERATIONS):
         middle = (low + high) / 2
         rounding = resolution**2 / 12 * (1 - repeated_share(resolution, middle))
         low, high = (middle, high) if middle**2 + rounding < variance else (low, middle)

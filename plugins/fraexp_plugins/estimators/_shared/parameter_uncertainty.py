@@ -8,13 +8,11 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import ParameterError, Parameters, did_you_mean, param
+from fraexp.api import MAX_ITERATIONS, ParameterError, Parameters, did_you_mean, param
 
 CORRELATION_TOLERANCE = 1e-6
 """Deviation from symmetry, and size of negative eigenvalues, that rounding may cause in a correlation matrix."""
 Model = TypeVar("Model", bound=Parameters)
-MAX_STEP_HALVINGS = 10
-"""Number of times that a step outside the bounds of a parameter is halved."""
 
 
 class Deviation(Parameters):
@@ -98,7 +96,7 @@ def covariance_root(
 
 def moved_within_bounds(model: Model, deviations: Sequence[Deviation], amounts: NDArray[np.float64]) -> Model:
     """Return the model with parameters moved by `amounts` [their SI units], or by less if bounds do not allow it."""
-    for _ in range(MAX_STEP_HALVINGS):
+    for _ in range(MAX_ITERATIONS):
         try:
             return with_moved_parameters(model, deviations, amounts)
         except ParameterError:

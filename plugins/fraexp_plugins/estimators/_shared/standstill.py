@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    ROUNDING,
     FrictionModel,
     Motion,
     PositionDependentFriction,
@@ -30,8 +31,6 @@ NOISE_STDS = 3.0
 UNSAMPLED_SHARE = 1 / 3
 """Sum of the harmonics beyond the Nyquist frequency over that of the octave below: they fall with their third power,
 because acceleration jumps where a machine sticks or breaks away."""
-SAME_TIME = 1e-6
-"""Part of a sample to which a dead time counts as whole samples."""
 
 
 class HiddenForce(NamedTuple):
@@ -181,7 +180,7 @@ def _thrust(observer: ObserverEstimator, segment: Segment) -> NDArray[np.float64
         omega = 2 * np.pi * np.fft.rfftfreq(u.size, segment.sample_time)
         u = np.fft.irfft(np.fft.rfft(u) * path_response(omega, 0.0, lags), u.size)
     delay = (observer.input_dead_time + observer.output_dead_time) / segment.sample_time
-    whole = int(np.floor(delay + SAME_TIME))
+    whole = int(np.floor(delay + ROUNDING))
     late = max(delay - whole, 0.0)
     return np.asarray((1 - late) * np.roll(u, whole) + late * np.roll(u, whole + 1))
 

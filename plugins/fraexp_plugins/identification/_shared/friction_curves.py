@@ -5,8 +5,6 @@ from numpy.typing import NDArray
 
 from fraexp.api import NORMAL_QUANTILE, Curve
 
-VIRGIN_CURVE_POINTS = 60
-
 
 def virgin_curve(x: NDArray[np.float64], force: NDArray[np.float64], std: NDArray[np.float64]) -> Curve:
     """Return the virgin curve with its 95 % limits, from ascending displacement [m], force and its std [N].

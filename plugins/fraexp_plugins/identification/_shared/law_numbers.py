@@ -8,23 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic.fields import FieldInfo
 
-from fraexp.api import FrictionModel, ParameterError, Parameters
+from fraexp.api import ROUNDING, FrictionModel, ParameterError, Parameters
 
 EXPONENTS = {"N": (1, 0), "m": (0, 1), "N/m": (1, -1), "N s/m": (1, -1), "m/s": (0, 1), "N/s": (1, 0)}
 """Powers of the scales of force and deflection with which a parameter of this unit changes."""
 SHAPE_UNITS, MAX_SHAPE_PARAMETERS = ("N s/m", "m/s", "N/s"), 8
 """Units of the numbers that shape a law, and how many of them may be free."""
 VISCOUS = "viscous_coefficient"
-LEAST_EXCESS = 1e-6
-"""Least distance of a start from the number's bound, over the number."""
 STATIC_RATIO, START_RATIO = 1.2, 0.5
 """Static over Coulomb force at which a search begins, and a ratio of two of the law's numbers."""
 DAMPING_RATIO, ATTRACTION_RATIO = 0.01, 10.0
 """Damping over that of the Coulomb force at the speed, and attraction over the stiffness times the speed."""
 Model = TypeVar("Model", bound=Parameters)
 CHECK_SAMPLES, CHECK_STEP_S = 400, 1e-3
-CHECK_TOLERANCE = 1e-9
-"""Difference of the forces, over the largest, up to which two models are the same."""
 
 
 class ScaledParameter(NamedTuple):
@@ -113,7 +109,7 @@ def _is_scaled(model: FrictionModel, changed: FrictionModel, scales: tuple[float
     motion = stroke * np.sin(np.linspace(0.0, 4 * np.pi, CHECK_SAMPLES)) * np.linspace(0.1, 1.0, CHECK_SAMPLES)
     expected: NDArray[np.float64] = scales[0] * model.force(motion / scales[1], CHECK_STEP_S)
     found = changed.force(motion, CHECK_STEP_S)
-    return bool(np.abs(found - expected).max() <= CHECK_TOLERANCE * np.abs(expected).max(initial=0.0))
+    return bool(np.abs(found - expected).max() <= ROUNDING * np.abs(expected).max(initial=0.0))
 
 
 class LawNumber(NamedTuple):
@@ -137,7 +133,7 @@ class LawNumber(NamedTuple):
 
     def coordinate(self) -> float:
         """Return where a search begins: a logarithm, of the odds where there is a bound above."""
-        above = max(self.value - self.base, LEAST_EXCESS * self.value)
+        above = max(self.value - self.base, ROUNDING * self.value)
         return float(np.log(above / (self.upper - self.value) if np.isfinite(self.upper) else above))
 
     def value_at(self, coordinate: float) -> float:

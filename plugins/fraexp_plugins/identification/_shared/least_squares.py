@@ -6,14 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import RecordError
+from fraexp.api import ROUNDING, RecordError
 
-COST_TOLERANCE, STEP_TOLERANCE = 1e-8, 1e-10
-"""Relative change of the squared error, and of the parameters, with which a search ends."""
 HOLD_WEIGHT = 1e4
 """Weight of the equation that holds a sum, over that of a column."""
-RIDGE = 1e-7
-"""Singular value over the size of a column below which a direction is not determined."""
 Residuals = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
@@ -60,7 +56,7 @@ def inverse_square(jacobian: NDArray[np.float64]) -> NDArray[np.float64]:
     scale = np.linalg.norm(jacobian, axis=0)
     scale[scale == 0] = 1.0
     triangle = np.asarray(np.linalg.qr(jacobian / scale, mode="r"))
-    _, singular, right = np.linalg.svd(np.concatenate([triangle, RIDGE * np.eye(scale.size)]), full_matrices=False)
+    _, singular, right = np.linalg.svd(np.concatenate([triangle, ROUNDING * np.eye(scale.size)]), full_matrices=False)
     root = right.T / singular / scale[:, None]
     return np.asarray(root @ root.T)
 
@@ -82,6 +78,6 @@ def minimise(
     from scipy.optimize import least_squares  # slow to import: only when something is estimated
 
     known = {"jac": jacobian} if jacobian is not None else {}
-    settings = {"x_scale": "jac", "ftol": COST_TOLERANCE, "xtol": STEP_TOLERANCE, "gtol": None, **known, **options}
+    settings = {"x_scale": "jac", "ftol": ROUNDING, "xtol": ROUNDING, "gtol": None, **known, **options}
     found = least_squares(residuals, np.clip(start, *bounds), bounds=bounds, max_nfev=evaluations, **settings)
     return found.x, bool(found.status > 0)

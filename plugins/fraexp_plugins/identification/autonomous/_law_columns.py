@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import FrictionModel, Motion
+from fraexp.api import ROUNDING, FrictionModel, Motion
 from fraexp_plugins.friction.dahl import Dahl
 from fraexp_plugins.friction.elastoplastic import Elastoplastic
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
@@ -28,10 +28,6 @@ SLOW_STEP_S = 1e3
 """Time step of a slow displacement."""
 ELEMENT_RANGE = (1e-5, 0.9)
 """Range of thresholds over the largest motion, and that of a virgin curve."""
-LEAST_FORCE = 1e-12
-"""Least force of a model [N]: that of records without friction is 0."""
-NO_DAMPING = 1e-9
-"""Damping over that of a unit column, of a law whose damper is a column of its own."""
 START_EXCESS, START_RATIO, START_WIDTH = 0.2, 0.6, 4e-3
 """Static over Coulomb force, less 1, elastic limit over the width, and width over the motion, of a law at its start."""
 
@@ -134,7 +130,7 @@ class LawColumns:
         """Yield for each column the model whose force it is, and the one whose force is subtracted, if any."""
         model = self.numbers.model(self.shape)
         if not self.thresholds.size:
-            bare = {name: NO_DAMPING * getattr(self.unit, name) for name in self._dampings}
+            bare = {name: ROUNDING * getattr(self.unit, name) for name in self._dampings}
             base = _changed(model, bare)
             yield base, None
             yield from ((_changed(base, {name: getattr(self.unit, name)}), base) for name in self._dampings)
@@ -170,12 +166,12 @@ class LawColumns:
 
     def model(self, sizes: NDArray[np.float64], viscous: float) -> FrictionModel:
         """Return the friction model for forces of these sizes [N], shape (N,), and a viscous coefficient [N s/m]."""
-        force = max(float(sizes[self.is_coulomb].sum()), LEAST_FORCE)
+        force = max(float(sizes[self.is_coulomb].sum()), np.finfo(float).tiny)
         model = self.numbers.model(self.shape, force)
         changes: dict[str, Any] = {VISCOUS: max(viscous, 0.0)}
         if not self.thresholds.size:
             for name, size in zip(self._dampings, sizes[1:].tolist(), strict=True):
-                changes[name] = (size + NO_DAMPING * force) * getattr(self.unit, name)
+                changes[name] = (size + ROUNDING * force) * getattr(self.unit, name)
             return _changed(model, changes)
         parts = sizes.reshape(len(self.ratios), -1)
         forces = parts.sum(axis=0)

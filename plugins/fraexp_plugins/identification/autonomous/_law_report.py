@@ -7,18 +7,29 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import NORMAL_QUANTILE, Curve, Finding, Fit, FrictionModel, Metric, Outcome, Quantity, Result, Signals
+from fraexp.api import (
+    CURVE_POINTS,
+    DIFFERENCE,
+    NORMAL_QUANTILE,
+    Curve,
+    Finding,
+    Fit,
+    FrictionModel,
+    Metric,
+    Outcome,
+    Quantity,
+    Result,
+    Signals,
+)
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
 from fraexp_plugins.estimators._shared.realisations import Part, circular_covariance, combine_parts
-from fraexp_plugins.identification._shared.friction_curves import VIRGIN_CURVE_POINTS, virgin_curve
+from fraexp_plugins.identification._shared.friction_curves import virgin_curve
 from fraexp_plugins.identification._shared.law_numbers import unit_of_field
 from fraexp_plugins.identification.autonomous._identified_plant import IdentifiedPlant, InverseResponse, square_root
 from fraexp_plugins.identification.autonomous._law_choice import LawChoice
 from fraexp_plugins.identification.autonomous._law_columns import ELEMENT_RANGE
 from fraexp_plugins.identification.autonomous._line_records import LawSolution
 
-RELATIVE_DIFFERENCE = 1e-4
-"""Relative difference for derivatives."""
 WIDTH_FORCE_RATIO = 1 - np.exp(-1)
 """Part of the Coulomb force at the width of a virgin curve."""
 MAX_GAIN_ERROR, MAX_MODE_ERROR, MAX_FORCE_ERROR = 0.01, 0.2, 0.03
@@ -142,7 +153,7 @@ class FittedLaw:
         model = law.model(sizes, viscous)
         names, units, values = zip(*_numbers(model), strict=True)
         whole, shapes = np.concatenate([law.shape, sizes]), law.shape.size
-        steps = RELATIVE_DIFFERENCE * np.where(np.arange(whole.size) < shapes, 1.0, whole)
+        steps = DIFFERENCE * np.where(np.arange(whole.size) < shapes, 1.0, whole)
         slopes = np.zeros((len(values), whole.size))
         for place in np.flatnonzero(steps):
             changed = whole + steps * (np.arange(whole.size) == place)
@@ -211,7 +222,7 @@ class LawReport:
         order = np.argsort(frequency, kind="stable")
         columns = {"frequency": frequency[order], **{name: each[order] for name, each in self.scatters.items()}}
         agreement = Curve("agreement of the records", columns, dict.fromkeys(columns, "1") | {"frequency": "Hz"})
-        x = self.found.choice.records.swing * np.geomspace(*ELEMENT_RANGE, VIRGIN_CURVE_POINTS)
+        x = self.found.choice.records.swing * np.geomspace(*ELEMENT_RANGE, CURVE_POINTS)
         return virgin_curve(x, *self.found.virgin_curve(x)), agreement
 
     def friction(self) -> Fit:
@@ -271,6 +282,6 @@ class LawReport:
 
     def _width(self) -> float:
         """Return the displacement [m] at which the virgin curve reaches 1 - 1/e of its force."""
-        x = np.append(0.0, self.found.choice.records.swing * np.geomspace(*ELEMENT_RANGE, 10 * VIRGIN_CURVE_POINTS))
+        x = np.append(0.0, self.found.choice.records.swing * np.geomspace(*ELEMENT_RANGE, CURVE_POINTS))
         force = np.append(0.0, self.found.virgin_curve(x[1:])[0])
         return float(np.interp(WIDTH_FORCE_RATIO * force[-1], force, x))

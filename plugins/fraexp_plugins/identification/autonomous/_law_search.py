@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import NORMAL_QUANTILE
+from fraexp.api import COARSE_DIFFERENCE, MAX_ITERATIONS, NORMAL_QUANTILE
 from fraexp_plugins.identification._shared.least_squares import HeldSum, inverse_square, minimise, solve_non_negative
 from fraexp_plugins.identification.autonomous._law_columns import LawColumns, laws_of_fraexp
 from fraexp_plugins.identification.autonomous._line_records import LawSolution, LineRecords
@@ -87,8 +87,6 @@ RIDGE_RATIO = 1e-6
 """Weight of a ridge over that of the largest column: it decides between columns that are equal."""
 EDGE_TOLERANCE = 1e-3
 """Relative tolerance of an end of the interval."""
-MAX_DOUBLINGS = 20
-"""Steps in which an upper end is looked for; each is twice as long as the one before."""
 ALTERNATIVE_VELOCITIES, ALTERNATIVE_RATES_S, ALTERNATIVE_EXCESS = (0.1, 0.4, 1.0), (12.0, 60.0), 0.05
 """Stribeck velocities over the largest velocity, rates of attraction over the Coulomb force, and static over Coulomb
 force less 1, of a Stribeck effect beside a law, by which its Coulomb force is judged."""
@@ -103,8 +101,6 @@ MIN_EXCESS_RATIO = 1e-3
 """Static over Coulomb force, less 1, over that of a Stribeck effect, which is none."""
 NEIGHBOURHOOD = 3
 """Places on the grid around an element at which another one may be in its place."""
-SHAPE_DIFFERENCE = 1e-3
-"""Difference of a logarithm for derivatives."""
 FIRST_CHANGE, MAX_CHANGE = 0.01, 0.08
 """Relative change of the Coulomb force that is tried first, and the one from which the interval is wide enough to be of
 no use; each change is twice the one before."""
@@ -138,7 +134,7 @@ def sum_interval(
 
     low = 0.0 if excess(0.0) <= 0 else float(brentq(excess, 0.0, total, rtol=EDGE_TOLERANCE))
     step = max(total, EDGE_TOLERANCE) / 32
-    for _ in range(MAX_DOUBLINGS):
+    for _ in range(MAX_ITERATIONS):
         if excess(total + step) > 0:
             return low, float(brentq(excess, total, total + step, rtol=EDGE_TOLERANCE))
         step *= 2
@@ -216,8 +212,8 @@ def _shape_columns(
     """Return the derivative of the weighted forces by the shape, shape (equations, S); a linear law has none."""
     columns = [np.empty((2 * (records.known.size + records.free_lines.size), 0))]
     for place in range(0 if law.is_linear else law.shape.size):
-        moved = law.shape + SHAPE_DIFFERENCE * (np.arange(law.shape.size) == place)
-        change = (records.deflection(replace(law, shape=moved)) - deflection) @ sizes / SHAPE_DIFFERENCE
+        moved = law.shape + COARSE_DIFFERENCE * (np.arange(law.shape.size) == place)
+        change = (records.deflection(replace(law, shape=moved)) - deflection) @ sizes / COARSE_DIFFERENCE
         columns.append(records.problem(change[..., None], dead_time).matrix)
     return np.concatenate(columns, axis=1)
 

@@ -9,7 +9,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import NORMAL_QUANTILE, Finding, FrictionModel, Motion, ParameterError, Quantity, RecordError
+from fraexp.api import (
+    DIFFERENCE,
+    NORMAL_QUANTILE,
+    Finding,
+    FrictionModel,
+    Motion,
+    ParameterError,
+    Quantity,
+    RecordError,
+    interval_factor,
+)
 from fraexp_plugins.friction._shared.element_model import ElementModel
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._shared.law_numbers import LawNumbers
@@ -24,15 +34,12 @@ from fraexp_plugins.identification.friction._regression import (
     regress,
 )
 
-DIFFERENCE_STEP = 1e-5
-"""Step over which differences are taken: of coordinates, and of sizes relatively."""
 MAX_ERROR, MAX_UNEXPLAINED_ERROR = 0.1, 0.03
 """Errors over the Coulomb force above which the model is wrong: in any case, and if noise does not explain it."""
 MAX_NOISE_RATIO = 3.0
 """Error over that by the channels' noise up to which noise explains it."""
 MAX_REMAINING_RATIO = 0.7
 """Error with a force along the stroke over the one without, up to which that force is fitted."""
-INTERVAL = 0.95
 
 
 class IdentifiedNumber(NamedTuple):
@@ -154,8 +161,8 @@ class LawForces(Forces):
         found = [np.empty((record.displacement.size, 0))]
         for part, own, size in zip(self.parts, self._split(shape), sizes, strict=True):
             here = _force_along(part, own, record)
-            moved = [_force_along(part, own + DIFFERENCE_STEP * row, record) for row in np.eye(own.size)]
-            found += [(size / DIFFERENCE_STEP * (each - here))[:, None] for each in moved]
+            moved = [_force_along(part, own + DIFFERENCE * row, record) for row in np.eye(own.size)]
+            found += [(size / DIFFERENCE * (each - here))[:, None] for each in moved]
         return np.concatenate(found, axis=1)
 
     def numbers(self, shape: NDArray[np.float64], sizes: NDArray[np.float64]) -> list[IdentifiedNumber]:
@@ -391,7 +398,7 @@ class FrictionFit:
         """Derivatives of the numbers by shape and coefficients, shape (numbers, q + p)."""
         here, columns = np.array([each.value for each in self.numbers]), []
         for place, value in enumerate(self.point.tolist()):
-            step = DIFFERENCE_STEP * max(abs(value), 1.0)
+            step = DIFFERENCE * max(abs(value), 1.0)
             moved = self.numbers_at(self.point + step * (np.arange(self.point.size) == place))
             columns.append((np.array([each.value for each in moved]) - here) / step)
         return np.array(columns).T
@@ -399,9 +406,7 @@ class FrictionFit:
     @property
     def quantile(self) -> float:
         """Half width of a 95 % interval in standard deviations (Student's t)."""
-        from scipy.stats import t  # slow to import: only when something is estimated
-
-        return float(t.ppf(0.5 + INTERVAL / 2, max(self.fitted_residuals.size - self.point.size, 1)))
+        return float(interval_factor(max(self.fitted_residuals.size - self.point.size, 1)))
 
     def beside_stroke_force(self) -> "FrictionFit":
         """Return the fit beside a force along the stroke, such as cogging, if that explains most of the error."""

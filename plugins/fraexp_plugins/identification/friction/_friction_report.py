@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Curve, Finding, Fit, Metric, Outcome, Quantity, Result, Signals
+from fraexp.api import CURVE_POINTS, Curve, Finding, Fit, Metric, Outcome, Quantity, Result, Signals
 from fraexp_plugins.friction._shared.element_model import ElementModel
-from fraexp_plugins.identification._shared.friction_curves import VIRGIN_CURVE_POINTS, force_over_velocity, virgin_curve
+from fraexp_plugins.identification._shared.friction_curves import force_over_velocity, virgin_curve
 from fraexp_plugins.identification.friction._friction_fit import MAX_ERROR, FrictionFit
 from fraexp_plugins.identification.friction._friction_rows import TERM_UNITS
 
@@ -167,7 +167,7 @@ def _virgin_curve(fit: FrictionFit) -> tuple[NDArray[np.float64], NDArray[np.flo
     values = {name: np.array([n.value for n in fit.numbers if n.name.startswith(name)]) for name in LISTS}
     stiffness, force = values.values()
     widths = force / stiffness
-    x = np.unique(np.concatenate([np.geomspace(widths.min() / 10, 1.2 * widths.max(), VIRGIN_CURVE_POINTS), widths]))
+    x = np.unique(np.concatenate([np.geomspace(widths.min() / 10, 1.2 * widths.max(), CURVE_POINTS), widths]))
     sticks = x[:, None] < widths
     gradient = np.concatenate([np.where(sticks, x[:, None], 0.0), np.where(sticks, 0.0, 1.0)], axis=1)
     size = gradient.shape[1]

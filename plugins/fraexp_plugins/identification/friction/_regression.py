@@ -7,11 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.api import ROUNDING
 from fraexp_plugins.identification._shared.least_squares import solve_non_negative
 from fraexp_plugins.identification.friction._friction_rows import FrictionRecord, Rows
 
-MIN_SINGULAR_VALUE = 1e-6
-"""Singular value, relative to the largest, below which columns are linearly dependent."""
 LAG_WINDOW = 5.0
 """Lags, in correlation times, over which a residual's autocorrelation is summed (A. D. Sokal, 1997)."""
 
@@ -72,8 +71,6 @@ PERIOD_RATIO = 1.25
 """Length of the longest wave over the stroke: the force at its ends need not be the same."""
 UPDATES, MIN_CHANGE = 60, 1e-3
 """Greatest number of updates of the variances, and the relative change that ends them."""
-MIN_VARIANCE_RATIO = 1e-10
-"""Least variance of a wave over that of a row, below which the force has no such wave."""
 
 
 class Regression(NamedTuple):
@@ -194,10 +191,10 @@ def _updated(solution: _Solution, ratio: NDArray[np.float64], octaves: NDArray[n
     """Return the next variances of the octaves over that of a row: energy of their waves over how many are known."""
     energy = np.bincount(octaves, solution.amplitudes**2) / solution.variance
     known = np.bincount(octaves, 1 - solution.spread)
-    return np.maximum(energy / np.maximum(known, MIN_VARIANCE_RATIO), MIN_VARIANCE_RATIO)
+    return np.maximum(energy / np.maximum(known, ROUNDING), ROUNDING)
 
 
 def least_squares(columns: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the coefficients of the columns, shape (p,)."""
     scale = np.sqrt(np.add.reduce(columns**2, axis=0) / len(columns))
-    return np.asarray(np.linalg.lstsq(columns / scale, force, MIN_SINGULAR_VALUE)[0] / scale)
+    return np.asarray(np.linalg.lstsq(columns / scale, force, ROUNDING)[0] / scale)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    ROUNDING,
     Estimator,
     Finding,
     FraexpError,
@@ -59,8 +60,6 @@ START_VELOCITY_RATIOS, TRIAL_STEPS = (0.3, 1.0, 3.0), 20
 only the best search goes on."""
 START_DAMPING = 1e-3
 """Force of the elements' dampers at the largest speed over the Coulomb force, at which a search begins."""
-NEGLIGIBLE_FORCE = 1e-6
-"""Force over the Coulomb force below which an element counts as none."""
 EQUAL_ERROR = 1.01
 """Held-out error over the least one up to which laws are equal, and that with the fewest numbers is chosen."""
 HELD_OUT_STEP = 4
@@ -309,7 +308,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         """Return the fit of elements, without those of negligible force, in the order of their thresholds."""
         fit = fit_law(problem, start, self.max_iterations)
         assert isinstance(fit.forces, LawForces)
-        forces, shape = fit.forces.sorted_elements(fit.shape, fit.sizes, NEGLIGIBLE_FORCE)
+        forces, shape = fit.forces.sorted_elements(fit.shape, fit.sizes, ROUNDING)
         return replace(fit, forces=forces, shape=shape)
 
     def _problem(

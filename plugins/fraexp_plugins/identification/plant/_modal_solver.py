@@ -9,11 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import NORMAL_QUANTILE, RecordError
+from fraexp.api import NORMAL_QUANTILE, ROUNDING, SIGNIFICANCE, RecordError, significant_deviation
 from fraexp_plugins.identification._shared.least_squares import inverse_square, minimise
 from fraexp_plugins.identification.plant._modal_model import LogResponse, ModalModel, resonators
-
-MAX_LAGS = 10
 
 
 def whiteness(residuals: NDArray[np.float64], parts: int) -> float:
@@ -29,7 +27,7 @@ def whiteness(residuals: NDArray[np.float64], parts: int) -> float:
     values = _as_sequence(residuals, parts)
     n = values.size
     power = float(np.sum(np.abs(values) ** 2))
-    lags = min(MAX_LAGS, n // 4)
+    lags = min(10, n // 4)
     if power == 0 or lags == 0:
         return float("nan")
     statistic = 0.0
@@ -225,18 +223,6 @@ SEARCH_BINS = 150
 """Parts of the frequency range, of which two points each take part in the search."""
 EXCHANGE_COST_RATIO = 0.99
 """Relative cost to which an exchange of modes must lead for another one to be tried."""
-WHITENESS_PROBABILITY = 1e-3
-"""Probability below which residuals do not count as white."""
-LEVERAGE_MARGIN = 1e-9
-"""Margin below 1 of the leverage of a point, its part in its own fitted value."""
-MIN_SINGULAR_RATIO = 1e-7
-"""Ratio of the scaled Jacobian's singular values below which a combination of parameters is not identifiable."""
-MIN_GAIN_STDS = 4.0
-"""Standard deviations from 0 that a modal gain ratio, or the rigid-body gain, needs."""
-MAX_NOISE_RESIDUAL = 0.03
-"""Relative residual above which it cannot be the noise of a record that is suitable for a plant fit."""
-MAX_EXCESS_STDS = 4.0
-"""Standard deviations by which the cost may exceed its expectation by noise before it is an error of the model."""
 
 
 @dataclass(frozen=True)
@@ -305,8 +291,13 @@ class Solution:
 
     @property
     def exceeds_noise(self) -> bool:
-        """Whether the residual is too large for noise, if the covariance of the response is unknown."""
-        return self.data.covariance is None and self.residual > MAX_NOISE_RESIDUAL
+        """Whether the residual is no noise, if the covariance of the response is unknown."""
+        return self.data.covariance is None and self.whiteness < SIGNIFICANCE
+
+    @cached_property
+    def whiteness(self) -> float:
+        """Probability of residuals as correlated along the frequencies as these, if they are noise."""
+        return whiteness(self.data.weighted_parts(self.error), self.data.parts)
 
     @cached_property
     def jackknife(self) -> NDArray[np.float64]:
@@ -319,7 +310,7 @@ class Solution:
         rows = self.jacobian.reshape(parts, points, -1).swapaxes(0, 1)
         errors = self.data.weighted_parts(self.error).reshape(parts, points).T
         leverage = rows @ self._inverse @ rows.swapaxes(1, 2)  # the leverage of a point
-        left_out = np.linalg.solve((1 + LEVERAGE_MARGIN) * np.eye(parts) - leverage, errors[:, :, None])
+        left_out = np.linalg.solve((1 + ROUNDING) * np.eye(parts) - leverage, errors[:, :, None])
         moves = (rows.swapaxes(1, 2) @ left_out)[:, :, 0] @ self._inverse
         return np.asarray(moves.T @ moves)
 
@@ -335,7 +326,7 @@ class Solution:
         G. V. Bayley and J. M. Hammersley, J. R. Statistical Society Supplement 8(2), 1946, doi 10.2307/2983560.
         """
         correlation, probability = neighbour_correlation(self.data.weighted_parts(self.error), self.data.parts)
-        return (1 + correlation) / (1 - correlation) if correlation > 0 and probability < WHITENESS_PROBABILITY else 1.0
+        return (1 + correlation) / (1 - correlation) if correlation > 0 and probability < SIGNIFICANCE else 1.0
 
     @property
     def excess(self) -> float:
@@ -346,7 +337,10 @@ class Solution:
     @property
     def has_model_error(self) -> bool:
         """Whether the cost is higher than noise explains."""
-        return self.data.covariance is not None and self.excess > 1 + MAX_EXCESS_STDS * np.sqrt(2 / self.data.count)
+        from scipy.special import chdtri
+
+        is_known = self.data.covariance is not None
+        return is_known and self.excess > chdtri(self.data.count, SIGNIFICANCE) / self.data.count
 
     @property
     def unidentifiable(self) -> tuple[str, ...]:
@@ -360,14 +354,14 @@ class Solution:
         if not scale.all():
             return tuple(name for name, size in zip(names, scale, strict=True) if size == 0)
         _, singular, right = np.linalg.svd(self.jacobian / scale, full_matrices=False)
-        if singular[-1] < MIN_SINGULAR_RATIO * singular[0]:
+        if singular[-1] < ROUNDING * singular[0]:
             return tuple(name for name, part in zip(names, np.abs(right[-1]), strict=True) if part > 0.1)
         low, high = self.model.bounds()
         near = (self.p < low + 1e-3) | (self.p > high - 1e-3)
         for place in range(3, self.model.ground_place, 3):
             slope = np.zeros(self.p.size)
             slope[0], slope[place] = self.p[place], 1.0  # of k0 r, over k0
-            near[place] |= abs(self.p[place]) < MIN_GAIN_STDS * np.sqrt(
+            near[place] |= abs(self.p[place]) < significant_deviation(TRIAL_FREQUENCY_COUNT) * np.sqrt(
                 slope @ self.covariance @ slope / self.correlation_factor
             )
         return tuple(name for name, is_near in zip(names, near, strict=True) if is_near)
@@ -466,8 +460,6 @@ MAX_PEAK_DAMPING = np.sqrt(0.5)
 """Damping ratio from which a mode has no resonance peak: such a mode follows the remains of friction."""
 MAX_OUTSIDE_FREQUENCY_ERROR = 0.05
 """Relative half width of the 95 % interval of a natural frequency up to which it may lie outside of the range."""
-MIN_RATIO_STDS = 3.0
-"""Standard deviations from 0 that a modal gain ratio needs when points are left out."""
 
 
 def unsupported_parts(solution: Solution) -> tuple[str, ...]:
@@ -484,7 +476,7 @@ def unsupported_parts(solution: Solution) -> tuple[str, ...]:
 
 def _rigid_body(solution: Solution) -> Iterator[str]:
     std = np.sqrt(solution.covariance[0, 0])
-    if std * MIN_GAIN_STDS > 1:
+    if std * significant_deviation() > 1:
         gain = np.exp(solution.p[0])
         yield f"a rigid body (k0 = {gain:.2g} ± {NORMAL_QUANTILE * gain * std:.1g}: may be 0)"
 
@@ -501,7 +493,7 @@ def _modes(solution: Solution) -> Iterator[str]:
         if is_outside and not uncertainty <= MAX_OUTSIDE_FREQUENCY_ERROR:
             why = f"outside of {model.min_frequency:.4g} to {model.max_frequency:.4g} Hz, and uncertain"
             why += f" by {uncertainty:.0%}" if uncertainty < 1 else ""
-        elif f"modal_gain_ratios.{number}" in solution.unidentifiable or abs(ratio) < MIN_RATIO_STDS * scatter:
+        elif f"modal_gain_ratios.{number}" in solution.unidentifiable or abs(ratio) < significant_deviation() * scatter:
             why = f"its modal gain ratio {ratio:.2g} ± {NORMAL_QUANTILE * scatter:.1g} may be noise"
         elif zeta <= half:
             why = f"its damping ratio {zeta:.2g} ± {half:.1g} may be 0"
@@ -517,8 +509,6 @@ def _std(solution: Solution, slope: NDArray[np.float64]) -> float:
     return float(np.sqrt(max(slope @ solution.covariance @ slope, slope @ solution.jackknife @ slope)))
 
 
-MIN_SPRING_STDS = 4.0
-"""Standard deviations from 0 from which a spring to ground is significant."""
 EXTRA_MODES = 2
 """Modes that are tried after one that did not help: two modes close together may help only as a pair."""
 

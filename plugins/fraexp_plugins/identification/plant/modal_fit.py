@@ -8,7 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    CURVE_POINTS,
+    DIFFERENCE,
     NORMAL_QUANTILE,
+    ROUNDING,
+    SIGNIFICANCE,
     Curve,
     Estimator,
     Fit,
@@ -22,6 +26,7 @@ from fraexp.api import (
     degrees_of_freedom,
     param,
     remarks,
+    significant_deviation,
 )
 from fraexp_plugins.identification.plant._modal_model import (
     GROUND,
@@ -33,8 +38,6 @@ from fraexp_plugins.identification.plant._modal_model import (
 )
 from fraexp_plugins.identification.plant._modal_solver import (
     MAX_PEAK_DAMPING,
-    MIN_SPRING_STDS,
-    WHITENESS_PROBABILITY,
     Solution,
     chosen_order,
     count_text,
@@ -42,17 +45,12 @@ from fraexp_plugins.identification.plant._modal_solver import (
     low_ground,
     mode_limit,
     unsupported_parts,
-    whiteness,
 )
 
 PairsOf = Callable[[ModalModel, NDArray[np.float64]], NDArray[np.float64]]
 """Returns natural frequency [Hz] and damping ratio of poles or zeros, shape (m, 2), for p."""
 QUANTITIES = ("frequency", "Hz"), ("damping ratio", "1"), ("magnitude", "")
 """Columns and their units; that of the magnitude is the response's."""
-MIN_ROOT = 1e-6
-"""Least imaginary part of a root that counts: those at 0 have none but for rounding."""
-DERIVATIVE_STEP = 1e-5
-"""Step of p in central differences; all of p is of the order of 1."""
 
 
 def extremum_curves(solution: Solution, unit: str) -> tuple[Curve, ...]:
@@ -102,7 +100,7 @@ def _polynomials(model: ModalModel, p: NDArray[np.float64]) -> tuple[NDArray[np.
 def _pairs(polynomial: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
     """Return natural frequency [Hz] and damping ratio of the complex roots, ascending, shape (m, 2)."""
     roots = np.roots(polynomial)
-    upper = roots[roots.imag > MIN_ROOT]
+    upper = roots[roots.imag > ROUNDING]
     upper = upper[np.argsort(np.abs(upper))]
     return np.column_stack([np.abs(upper) * scale / (2 * np.pi), -upper.real / np.abs(upper)])
 
@@ -132,8 +130,8 @@ def _with_intervals(solution: Solution, pairs_of: PairsOf) -> NDArray[np.float64
     pairs = pairs[is_known]
     if not pairs.size:
         return np.empty((0, 6))
-    steps = DERIVATIVE_STEP * np.eye(p.size)
-    slopes = np.array([log_values(p + step) - log_values(p - step) for step in steps]) / (2 * DERIVATIVE_STEP)
+    steps = DIFFERENCE * np.eye(p.size)
+    slopes = np.array([log_values(p + step) - log_values(p - step) for step in steps]) / (2 * DIFFERENCE)
     variance = np.einsum("pmi,pq,qmi->mi", slopes, solution.reported_covariance, slopes)
     values = np.exp(log_values(p))
     return np.concatenate([values, NORMAL_QUANTILE * np.sqrt(variance) * values], axis=1)
@@ -152,18 +150,10 @@ MAX_RESIDUAL = 0.5
 """Root mean square of ln(G_m/Ĝ) above which a fit is refused: a factor of 1.6."""
 MAX_UNEXPLAINED = 0.1
 """Root mean square of ln(G_m/Ĝ), without what noise explains, above which a fit is not ok."""
-NEGATIVE_DELAY_STDS = 2.0
-"""Standard deviations below 0 from which a dead time counts as negative."""
 INTERVAL_ADVICE = (
     "the intervals are widened for the part of it that may be in the parameters, but not for a bias by friction at all "
     "frequencies; try more modes, a narrower frequency range, or a method that compensates friction"
 )
-CURVE_POINTS = 400
-"""Frequencies of the fitted model's curve: enough for a resonance with 1 % damping."""
-
-
-MIN_GROUND_STDS = {"viscous_coefficient": 0.0, "ground_stiffness": MIN_SPRING_STDS}
-"""Standard deviations above 0 from which a force of ground is kept."""
 
 
 class CheckedFit(NamedTuple):
@@ -180,7 +170,7 @@ def _size_in_stds(solution: Solution, name: str) -> float:
     return float(solution.p[place] / np.sqrt(solution.covariance[place, place]))
 
 
-class ModalFit(Estimator, name="modal_fit", version=7):
+class ModalFit(Estimator, name="modal_fit", version=8):
     """P_d(s) e^{-Ls} of the paper's eq (1), fitted to the response of `method`: rigid body, modes and dead time.
 
     Minimises Σ w_k |ln(G_m(jω_k)/Ĝ_k)|², the weighted logarithmic residual (J. D. Sidman, F. E. DeAngelis and
@@ -339,14 +329,16 @@ class ModalFit(Estimator, name="modal_fit", version=7):
         if self.fit_ground:
             sizes = zip(GROUND, *low_ground(replace(model, ground=tuple(GROUND)), data), strict=True)
             kept = [
-                name for name, value, std in sizes if not MIN_GROUND_STDS[name] or value > MIN_GROUND_STDS[name] * std
+                name
+                for name, value, std in sizes
+                if name == "viscous_coefficient" or value > significant_deviation() * std
             ]
             model = replace(model, ground=tuple(kept))
         solution, unsupported = self._fit_modes(model, data)
         negative, fall = "", 0.0
         for name in reversed(model.ground):
             size = _size_in_stds(solution, name)
-            if size >= MIN_GROUND_STDS[name]:
+            if size >= (0.0 if name == "viscous_coefficient" else significant_deviation()):
                 continue
             if name == "viscous_coefficient":
                 negative, fall = "the viscous coefficient would be negative and is fixed at 0", -size
@@ -417,7 +409,7 @@ class ModalFit(Estimator, name="modal_fit", version=7):
         if data.covariance is not None:
             yield Metric("cost", solution.excess, "1")
         yield Metric("beyond", float(np.mean(_relative_errors(solution) > 1)), "1")
-        yield Metric("whiteness", _whiteness(solution), "1")
+        yield Metric("whiteness", solution.whiteness, "1")
 
 
 def _values(solution: Solution) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -486,16 +478,14 @@ def _remarks(solution: Solution) -> Iterator[str]:
             f"the residual is {np.sqrt(solution.excess):.2g} times what noise and model_error explain ({residual:.2g} "
             f"of the response): {INTERVAL_ADVICE}"
         )
-    elif solution.exceeds_noise:
-        yield f"the residual is {residual:.2g} of the response, and its part by noise is unknown: {INTERVAL_ADVICE}"
-    elif _whiteness(solution) < WHITENESS_PROBABILITY:
+    elif solution.whiteness < SIGNIFICANCE:
         yield (
-            f"the residual ({residual:.2g} of the response) is not white, so the errors are larger than the standard "
-            "deviations: try more modes or another frequency range, and check the friction model"
+            f"the residual ({residual:.2g} of the response) is not white, hence no noise: try more modes or another "
+            "frequency range, and check the friction model"
         )
     if solution.model.dead_time is None:
         values, covariance = _values(solution)
-        if values[-1] < -NEGATIVE_DELAY_STDS * np.sqrt(covariance[-1, -1]):
+        if values[-1] < -significant_deviation() * np.sqrt(covariance[-1, -1]):
             yield (
                 f"the dead time is {values[-1]:.3g} s: the method removes more delay than there is; lower its dead "
                 "times, or fix dead_time"
@@ -506,7 +496,3 @@ def _worst_text(solution: Solution) -> str:
     """Return where the model errs most."""
     worst = int(np.argmax(np.abs(solution.error)))
     return f"most at {solution.data.frequency[worst]:.4g} Hz"
-
-
-def _whiteness(solution: Solution) -> float:
-    return whiteness(solution.data.weighted_parts(solution.error), solution.data.parts)

@@ -6,7 +6,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import NORMAL_QUANTILE, Curve, Finding, Fit, FrictionModel, Metric, Result, Signals, frequency_text
+from fraexp.api import (
+    CURVE_POINTS,
+    NORMAL_QUANTILE,
+    Curve,
+    Finding,
+    Fit,
+    FrictionModel,
+    Metric,
+    Result,
+    Signals,
+    frequency_text,
+)
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
 from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_unit, parameter_value
 from fraexp_plugins.estimators._shared.realisations import Part, combine_parts, realisation_groups
@@ -23,8 +34,6 @@ from fraexp_plugins.identification.whole_record._machine_problem import DEAD_TIM
 MIN_DITHER_RATIO = 0.5
 """Noise over the encoder's steps from which rounding is white: with half of it the mean error of rounding is 3 % of the
 variance, and a slow motion looks coloured."""
-CURVE_POINTS = 400
-"""Frequencies of the curve of the fitted plant."""
 RESIDUAL_RATIO = "residual over expectation"
 
 
