@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.dahl import Dahl
+from fraexp_plugins.friction.elastoplastic import Elastoplastic
+from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
+from fraexp_plugins.friction.lugre import LuGre
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
+from fraexp_plugins.identification._shared.law_forces import LawForces, columns_of, rolling_elements, unit_law
 from fraexp_plugins.identification.autonomous._law_choice import LawChoice, LawFit, LawSelection
-from fraexp_plugins.identification.autonomous._law_columns import LawColumns, elements_law, laws_of_fraexp
 from fraexp_plugins.identification.autonomous._line_records import periodic_motion, remove_drift
 from fraexp_plugins.identification.autonomous.plant_and_friction import PlantAndFriction
 
@@ -21,28 +24,26 @@ from fraexp.components.registry import create
 from fraexp.data.signals import Segment, Settling, Signals
 
 THRESHOLDS = np.array([1e-6, 4e-6, 2e-5])
-NONE = np.empty(0)
 CURVE = {"N": 0.2, "m/s": 1e-3}
 
 
-def law_of(name: str, sizes: dict[str, float], thresholds: np.ndarray = NONE) -> LawColumns:
-    """Return a law whose shape has these numbers by their units; the damper of bristles is 50 N s/m."""
-    laws = {law.name: law for law in (elements_law(True), *laws_of_fraexp(0.02))}
-    law = LawColumns(laws[name], NONE, thresholds)
-    return replace(law, shape=law.starting_at(sizes))
+def law_of(law: type[FrictionModel], sizes: dict[str, float]) -> LawForces:
+    """Return a law whose shape has these numbers by their units."""
+    columns = columns_of(unit_law(law, 4e-6, 0.02), THRESHOLDS)
+    return replace(columns, shape=columns.starting_at(sizes))
 
 
-LAWS: list[tuple[LawColumns, list[float]]] = [
-    (law_of("rolling", {"N s/m": 2e-4}, THRESHOLDS), [1.0, 0.0, 2.0, 0.0, 3.0, 0.0, 0.0, 0.0, 0.0]),
-    (law_of("gms", {"N": 0.3, "m/s": 2e-3, "N/s": 40.0}, THRESHOLDS), [1.0, 2.0, 0.5]),
-    (law_of("lugre", {"N/m": 1 / 8e-6, **CURVE}), [5.0, 1.0]),
-    (law_of("elastoplastic", {"N/m": 1 / 8e-6, **CURVE}), [5.0, 1.0]),
+LAWS: list[tuple[LawForces, list[float]]] = [
+    (rolling_elements(THRESHOLDS, 2e-4), [1.0, 0.0, 2.0, 0.0, 3.0, 0.0, 0.0, 0.0, 0.0]),
+    (law_of(GeneralizedMaxwellSlip, {"N": 0.3, "m/s": 2e-3, "N/s": 40.0}), [1.0, 2.0, 0.5]),
+    (law_of(LuGre, {"N/m": 1 / 8e-6, **CURVE}), [5.0, 1.0]),
+    (law_of(Elastoplastic, {"N/m": 1 / 8e-6, **CURVE}), [5.0, 1.0]),
 ]
 SAMPLE_TIME = 5e-4
 
 
 @pytest.mark.parametrize(("elements", "sizes"), LAWS, ids=lambda each: getattr(each, "name", ""))
-def test_columns_add_up_to_the_law(elements: LawColumns, sizes: list[float]) -> None:
+def test_columns_add_up_to_the_law(elements: LawForces, sizes: list[float]) -> None:
     motion = 1e-4 * np.sin(2 * np.pi * np.arange(4000) / 4000) + 4e-5 * np.sin(10 * np.pi * np.arange(4000) / 4000)
     model = elements.model(np.array(sizes), 0.0)
     expected = model.force(motion, 1e-4, periodic=True)
@@ -51,7 +52,7 @@ def test_columns_add_up_to_the_law(elements: LawColumns, sizes: list[float]) -> 
 
 
 @pytest.mark.parametrize(("elements", "sizes"), LAWS, ids=lambda each: getattr(each, "name", ""))
-def test_a_drift_of_the_mean_leaves_the_force_as_it_is(elements: LawColumns, sizes: list[float]) -> None:
+def test_a_drift_of_the_mean_leaves_the_force_as_it_is(elements: LawForces, sizes: list[float]) -> None:
     samples, periods, drift = 500, 8, 3e-6
     time = np.arange(samples * periods) / samples
     y = 1e-4 * np.sin(2 * np.pi * time) + drift * time
@@ -157,8 +158,7 @@ def test_a_law_is_judged_by_what_the_encoder_does_to_it(error: float) -> None:
 
 def signals_of(mode: float = np.inf) -> Signals:
     """Return records of a mass and two elements, which a mode at some frequency [Hz] makes appear larger."""
-    law = law_of("rolling", {"N s/m": 1e-12}, np.array([1e-6, 4e-6]))
-    model = law.model(np.array([4.0, 6.0, 0, 0, 0, 0]), 0.0)
+    model = rolling_elements(np.array([1e-6, 4e-6])).model(np.array([4.0, 6.0]))
     segments = [
         record_of(model, f, speed / (2 * np.pi * f), 5.0 / (1 - (f / mode) ** 2))
         for f in np.geomspace(2.0, 20.0, 10)

@@ -153,7 +153,7 @@ class LawNumbers:
 
     def __init__(self, model: FrictionModel, fixed: Collection[str] = ()) -> None:
         self.start = model
-        known = [each for name in type(model).model_fields for each in _numbers_of(model, name)]
+        known = estimated_numbers(model)
         self._force = next((each for each in known if each.unit == "N" and each.place is None), None)
         self.numbers = [self._bounded(each) for each in known]
         self._shares = {
@@ -242,6 +242,18 @@ class LawNumbers:
                 value = tuple(named.get(f"{name}.{place}", each) for place, each in enumerate(value))
             fields[name] = named.get(name, value)
         return fields
+
+
+def estimated_numbers(model: FrictionModel) -> list[LawNumber]:
+    """Return the numbers that a model states and that are estimated."""
+    return [each for name in type(model).model_fields for each in _numbers_of(model, name)]
+
+
+def lists_by_unit(model: FrictionModel) -> dict[str, str]:
+    """Return the names of the lists of numbers of elements that a model states, by their unit."""
+    names = [name for name in type(model).model_fields if name in model.model_fields_set]
+    lists = [name for name in names if isinstance(getattr(model, name), tuple)]
+    return {unit_of_field(type(model).model_fields[name]): name for name in lists}
 
 
 def _numbers_of(model: FrictionModel, name: str) -> list[LawNumber]:

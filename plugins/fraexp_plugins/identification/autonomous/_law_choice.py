@@ -10,16 +10,11 @@ from numpy.typing import NDArray
 
 from fraexp.api import FraexpError, RecordError, Signals
 from fraexp_plugins.estimators.effective_input import EffectiveInput
-from fraexp_plugins.identification.autonomous._law_columns import (
-    ELEMENT_RANGE,
-    START_EXCESS,
-    Law,
-    LawColumns,
-    elements_law,
-    laws_of_fraexp,
-    named_law,
-    unit_law,
-)
+from fraexp_plugins.friction.dahl import Dahl
+from fraexp_plugins.friction.elastoplastic import Elastoplastic
+from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
+from fraexp_plugins.friction.lugre import LuGre
+from fraexp_plugins.identification._shared.law_forces import Law, LawForces, columns_of, rolling_elements, unit_law
 from fraexp_plugins.identification.autonomous._law_search import (
     INTERVAL_STDS,
     LawSearch,
@@ -31,6 +26,12 @@ from fraexp_plugins.identification.autonomous._line_records import LineRecords, 
 
 SEARCH_STEP, SEARCH_OVERSAMPLING = 3, 2
 """Every third frequency is taken in the search for a law, and that many points per sample; all of them judge it."""
+FAST_LAWS, SLOW_LAWS = (Dahl, LuGre, Elastoplastic), (GeneralizedMaxwellSlip,)
+"""Other laws that fraexp has, the cheapest first: those of elements come after a user's own."""
+ELEMENT_RANGE = (1e-5, 0.9)
+"""Range of thresholds over the largest motion, and that of a virgin curve."""
+START_WIDTH, START_EXCESS = 4e-3, 0.2
+"""Width over the motion, and static over Coulomb force, less 1, of a law at its start."""
 THRESHOLD_COUNTS = 80, 40
 """Numbers of thresholds of rolling elements, and of others."""
 START_WIDTHS, START_VELOCITIES = np.geomspace(1e-4, 0.16, 9), ((3e-3, 3e-2), (0.1, 0.3, 1.0))
@@ -59,7 +60,7 @@ them up to which they are left out."""
 class LawFit:
     """A law that was fitted to records."""
 
-    law: LawColumns
+    law: LawForces
     dead_time: float
     """Dead time that goes with it, in addition to that of the observer [s]."""
     residual: float
@@ -188,22 +189,20 @@ class LawSelection:
 
     def _families(
         self, laws: Sequence[Law], is_any: bool
-    ) -> Iterator[tuple[LawColumns, list[list[NDArray[np.float64]]]]]:
+    ) -> Iterator[tuple[LawForces, list[list[NDArray[np.float64]]]]]:
         """Yield laws of some shape, the cheapest ones first, and the shapes at which each search may begin."""
         largest, velocity = self._bare.swing, self._bare.speed
         some, few = (largest * np.geomspace(*ELEMENT_RANGE, count) for count in THRESHOLD_COUNTS)
-        elements = LawColumns(elements_law(is_any), np.empty(0), some)
-        times = [ratio * self._bare.sample_time for ratio in START_RELAXATIONS] if is_any else [1.0]
-        yield elements, [[elements.starting_at({"N s/m": time}) for time in times]]
+        times = [ratio * self._bare.sample_time for ratio in START_RELAXATIONS] if is_any else [None]
+        elements = rolling_elements(some, times[0])
+        yield elements, [[rolling_elements(some, time).shape for time in times]]
         lowest = 2 * float(self._bare.frequency.min())
-        built_in = laws_of_fraexp(velocity) if is_any else []
         sizes = {"m": largest * START_WIDTHS, "N/s": np.array(START_RATES_S), "N": np.array([START_EXCESS])}
-        own = [unit_law(named_law(each, largest, velocity) if isinstance(each, type) else each) for each in laws]
-        for model in (*built_in[:-1], *own, *built_in[-1:]):
-            law = LawColumns(model, np.empty(0), np.empty(0), lowest)
-            law = replace(law, thresholds=few) if law.has_elements else law
-            slow, fast = ({**sizes, "m/s": velocity * np.array(each)} for each in START_VELOCITIES)
-            begins = [law.starting_at({})] if model not in built_in else []
+        built_in = (FAST_LAWS, SLOW_LAWS) if is_any else ((), ())
+        for each in (*built_in[0], *laws, *built_in[1]):
+            law = columns_of(unit_law(each, START_WIDTH * largest, velocity), few, lowest)
+            slow, fast = ({**sizes, "m/s": velocity * np.array(ratios)} for ratios in START_VELOCITIES)
+            begins = [law.starting_at({})] if each in laws else []
             for known in ({}, *self._known_sizes()):
                 begins += _starts(law, {**slow, **known})
             yield law, [begins, *([_starts(law, fast)] if "m/s" in law.units else [])]
@@ -215,13 +214,13 @@ class LawSelection:
             known |= {"m": 1 / known["N/m"]} if "N/m" in known else {}
             yield {unit: value for unit, value in known.items() if unit in ("m", "N/s", "N", "m/s")}
 
-    def _best_of(self, law: LawColumns, starts: Sequence[Sequence[NDArray[np.float64]]], most: float) -> LawFit:
+    def _best_of(self, law: LawForces, starts: Sequence[Sequence[NDArray[np.float64]]], most: float) -> LawFit:
         """Return the law to which a search leads, or a second one if the first leads to no good law with some hope."""
         fit = self._searched(law, starts[0])
         others = [self._searched(law, each) for each in starts[1:] if GOOD < fit.residual <= most]
         return min((fit, *others), key=lambda each: each.residual)
 
-    def _searched(self, law: LawColumns, begins: Sequence[NDArray[np.float64]]) -> LawFit:
+    def _searched(self, law: LawForces, begins: Sequence[NDArray[np.float64]]) -> LawFit:
         """Return the law to which the best start leads, with a grid that is refined once."""
         search = LawSearch(self._some, law, self._is_delayed)
         delays = START_DEAD_TIMES if self._is_delayed else (0.0,)
@@ -298,7 +297,7 @@ def _best(fits: Sequence[LawFit]) -> LawFit:
     return min((fit for fit in fits if fit.sizes.size), key=lambda fit: fit.residual)
 
 
-def _starts(law: LawColumns, sizes: Mapping[str, NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+def _starts(law: LawForces, sizes: Mapping[str, NDArray[np.float64]]) -> list[NDArray[np.float64]]:
     """Return shapes with all combinations of sizes by their units; a width [m] is that of a stiffness too."""
     units = set(law.units) | ({"m"} if "N/m" in law.units else set())
     chosen = {unit: values.tolist() for unit, values in sizes.items() if unit in units}

@@ -24,10 +24,10 @@ from fraexp.api import (
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
 from fraexp_plugins.estimators._shared.realisations import Part, circular_covariance, combine_parts
 from fraexp_plugins.identification._shared.friction_curves import virgin_curve
+from fraexp_plugins.identification._shared.law_forces import GridElements
 from fraexp_plugins.identification._shared.law_numbers import unit_of_field
 from fraexp_plugins.identification.autonomous._identified_plant import IdentifiedPlant, InverseResponse, square_root
-from fraexp_plugins.identification.autonomous._law_choice import LawChoice
-from fraexp_plugins.identification.autonomous._law_columns import ELEMENT_RANGE
+from fraexp_plugins.identification.autonomous._law_choice import ELEMENT_RANGE, LawChoice
 from fraexp_plugins.identification.autonomous._line_records import LawSolution
 
 WIDTH_FORCE_RATIO = 1 - np.exp(-1)
@@ -144,7 +144,7 @@ class FittedLaw:
         independent, and the covariance of records that are says too little of all parameters.
         """
         law, sizes, known = self.choice.best.law, self.forces, self.choice.covariance
-        if spring and law.thresholds.size:
+        if spring and isinstance(law, GridElements):
             swing, end = self.choice.records.swing, law.thresholds.size
             law, sizes = replace(law, thresholds=np.append(law.thresholds, swing)), sizes.reshape(len(law.ratios), -1)
             sizes = np.insert(sizes, end, np.eye(len(sizes))[0] * spring * swing, axis=1).ravel()

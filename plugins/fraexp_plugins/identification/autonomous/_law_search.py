@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import COARSE_DIFFERENCE, MAX_ITERATIONS, NORMAL_QUANTILE
+from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
+from fraexp_plugins.identification._shared.law_forces import LawForces, columns_of, unit_law
 from fraexp_plugins.identification._shared.least_squares import HeldSum, inverse_square, minimise, solve_non_negative
-from fraexp_plugins.identification.autonomous._law_columns import LawColumns, laws_of_fraexp
 from fraexp_plugins.identification.autonomous._line_records import LawSolution, LineRecords
 
 SHAPE_STEP, DIFFERENCE = 0.1, 1e-4
@@ -25,14 +26,14 @@ class LawSearch:
     `law_at_start` is the law at which the search begins.
     """
 
-    def __init__(self, records: LineRecords, law: LawColumns, is_delayed: bool) -> None:
+    def __init__(self, records: LineRecords, law: LawForces, is_delayed: bool) -> None:
         self.records, self.law_at_start, self._is_delayed = records, law, is_delayed
 
-    def values(self, law: LawColumns, dead_time: float) -> NDArray[np.float64]:
+    def values(self, law: LawForces, dead_time: float) -> NDArray[np.float64]:
         """Return the values of a law of this family, and a dead time [s]."""
         return np.array([dead_time / self.records.sample_time, *law.shape])
 
-    def law(self, values: NDArray[np.float64]) -> LawColumns:
+    def law(self, values: NDArray[np.float64]) -> LawForces:
         """Return the law of these values."""
         return replace(self.law_at_start, shape=values[1:])
 
@@ -152,7 +153,7 @@ class LawUncertainty(NamedTuple):
     """Whether a Stribeck effect beside the law explains no more of the records."""
 
 
-def law_uncertainty(law: LawColumns, dead_time: float, records: LineRecords, may_weaken: bool) -> LawUncertainty:
+def law_uncertainty(law: LawForces, dead_time: float, records: LineRecords, may_weaken: bool) -> LawUncertainty:
     """Return how far the records determine a law with this dead time [s].
 
     The interval is the profile likelihood of the Coulomb force. With `may_weaken` a Stribeck effect that the law lacks
@@ -162,7 +163,9 @@ def law_uncertainty(law: LawColumns, dead_time: float, records: LineRecords, may
     deflection = records.deflection(law)
     sizes, residual, problem = records.solve(law, deflection, dead_time)
     square = float(np.sum(residual**2)) / records.equations
-    shapes = _shape_columns(law, deflection, sizes, dead_time, records)
+    slopes = law.slopes(records.deflection, sizes, COARSE_DIFFERENCE)
+    by_shape = np.stack(slopes, axis=-1) if slopes else np.empty((*deflection.shape[:-1], 0))
+    shapes = records.problem(by_shape, dead_time).matrix
     possible = _possible_places(law, sizes)
     places = np.concatenate([np.arange(shapes.shape[1]), law.shape.size + possible])
     covariance = np.zeros((law.shape.size + sizes.size,) * 2)
@@ -188,7 +191,7 @@ def law_uncertainty(law: LawColumns, dead_time: float, records: LineRecords, may
     return LawUncertainty(covariance, interval, is_complete)
 
 
-def _possible_places(law: LawColumns, sizes: NDArray[np.float64]) -> NDArray[np.int64]:
+def _possible_places(law: LawForces, sizes: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return the places of possible forces: those found, and elements near them, which explain nearly as much.
 
     Those of all others are 0: they cannot be smaller, and the records would differ more if they were larger.
@@ -202,31 +205,15 @@ def _possible_places(law: LawColumns, sizes: NDArray[np.float64]) -> NDArray[np.
     return np.unique((parts[:, None] * law.thresholds.size + near)[is_there])
 
 
-def _shape_columns(
-    law: LawColumns,
-    deflection: NDArray[np.complex128],
-    sizes: NDArray[np.float64],
-    dead_time: float,
-    records: LineRecords,
-) -> NDArray[np.float64]:
-    """Return the derivative of the weighted forces by the shape, shape (equations, S); a linear law has none."""
-    columns = [np.empty((2 * (records.known.size + records.free_lines.size), 0))]
-    for place in range(0 if law.is_linear else law.shape.size):
-        moved = law.shape + COARSE_DIFFERENCE * (np.arange(law.shape.size) == place)
-        change = (records.deflection(replace(law, shape=moved)) - deflection) @ sizes / COARSE_DIFFERENCE
-        columns.append(records.problem(change[..., None], dead_time).matrix)
-    return np.concatenate(columns, axis=1)
-
-
 def _weakening_columns(
-    law: LawColumns, sizes: NDArray[np.float64], dead_time: float, records: LineRecords
+    law: LawForces, sizes: NDArray[np.float64], dead_time: float, records: LineRecords
 ) -> NDArray[np.float64]:
     """Return how the weighted forces change with Stribeck effects that a law lacks, a column for each.
 
     It is that of a few elements along the law's virgin curve (generalized Maxwell slip), per unit of excess.
     """
     thresholds, forces = _lumped(law, sizes)
-    weakening = LawColumns(laws_of_fraexp(records.speed)[-1], np.empty(0), thresholds)
+    weakening = columns_of(unit_law(GeneralizedMaxwellSlip, records.swing, records.speed), thresholds)
     columns = []
     for part in ALTERNATIVE_VELOCITIES:
         for rate in ALTERNATIVE_RATES_S:
@@ -241,7 +228,7 @@ def _weakening_columns(
     return np.concatenate(columns, axis=1)
 
 
-def _lumped(law: LawColumns, sizes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _lumped(law: LawForces, sizes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return thresholds [m] and forces [N] of a few elements with the law's virgin curve."""
     x, coulomb = np.geomspace(1e-9, 1e-1, 400), float(sizes[law.is_coulomb].sum())
     force = np.maximum.accumulate(law.virgin_columns(x) @ sizes)

@@ -12,9 +12,9 @@ from fraexp.api import FrictionModel, Motion, RecordError, Segment, Signals, fou
 from fraexp_plugins.estimators._shared.delayed_estimator import LoopDelays
 from fraexp_plugins.estimators._shared.realisations import mean
 from fraexp_plugins.estimators.effective_input import EffectiveInput
+from fraexp_plugins.identification._shared.law_forces import LawForces
 from fraexp_plugins.identification._shared.least_squares import HeldSum, solve_non_negative
 from fraexp_plugins.identification._shared.usable_records import with_harmonics
-from fraexp_plugins.identification.autonomous._law_columns import LawColumns, LawKey
 
 FREQUENCY_TOLERANCE = 1e-4
 """Relative difference up to which two frequencies are equal."""
@@ -94,7 +94,7 @@ class LineRecords:
     """E|e|² of G U - F - Y/P [N²], shape (L, M)."""
     free_lines: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     """Places of lines far below the first mode, where 1/P is that of a free body, shape (K,)."""
-    driven: dict[LawKey, NDArray[np.complex128]] = field(default_factory=dict, repr=False)
+    driven: dict[tuple[object, ...], NDArray[np.complex128]] = field(default_factory=dict, repr=False)
     """Phasors of the laws that were driven last, for all weights of these records."""
 
     @classmethod
@@ -196,7 +196,7 @@ class LineRecords:
         """
         return replace(self, free_lines=np.flatnonzero(self.frequency <= FREE_BODY_RANGE * self.frequency.min()))
 
-    def deflection(self, law: LawColumns) -> NDArray[np.complex128]:
+    def deflection(self, law: LawForces) -> NDArray[np.complex128]:
         """Return the phasors of each column [N/N], complex, shape (L, M, N)."""
         found = self.driven.pop(law.key, None)
         if found is None:
@@ -206,7 +206,7 @@ class LineRecords:
         self.driven[law.key] = found
         return found
 
-    def _drive(self, law: LawColumns) -> NDArray[np.complex128]:
+    def _drive(self, law: LawForces) -> NDArray[np.complex128]:
         found = np.zeros((*self.thrust.shape, law.is_coulomb.size), dtype=complex)
         columns, begin = law.forces(self.motions), 0
         while part := list(islice(columns, COLUMNS_AT_ONCE)):
@@ -242,7 +242,7 @@ class LineRecords:
         power = np.sum(np.abs(y) ** 2, axis=1)
         projection = np.conj(y) / np.where(power > 0, power, 1.0)[:, None]
         slopes, offset = -np.einsum("la,lan->ln", projection, z), np.sum(projection * u, axis=1)
-        matrix = real_parts((z + y[..., None] * slopes[:, None]).reshape(-1, z.shape[-1]))
+        matrix = real_parts((z + y[..., None] * slopes[:, None]).reshape(y.size, z.shape[-1]))
         target = real_parts((u - y * offset[:, None]).ravel())
         if self.free_lines.size:
             at = self.free_lines
@@ -255,7 +255,7 @@ class LineRecords:
 
     def solve(
         self,
-        law: LawColumns,
+        law: LawForces,
         deflection: NDArray[np.complex128],
         dead_time: float,
         held: float | None = None,
@@ -271,7 +271,7 @@ class LineRecords:
         sizes = solve_non_negative(matrix, target, held=held_sum)
         return LawSolution(sizes, problem.target - problem.matrix @ sizes, problem)
 
-    def prior(self, law: LawColumns) -> NDArray[np.float64]:
+    def prior(self, law: LawForces) -> NDArray[np.float64]:
         """Return the standard deviation of each column's force [N] that is known before, shape (N,).
 
         It bounds the force of elements that the records do not determine, as of those that hardly slip (ridge
@@ -282,7 +282,7 @@ class LineRecords:
         force = PRIOR_FORCE_RATIO * largest / np.sqrt(max(law.thresholds.size, 1))
         return np.full(law.is_coulomb.size, force if law.thresholds.size else np.inf)
 
-    def with_friction_noise(self, law: LawColumns, sizes: NDArray[np.float64]) -> "LineRecords":
+    def with_friction_noise(self, law: LawForces, sizes: NDArray[np.float64]) -> "LineRecords":
         """Return the records with the errors that the encoder causes by way of friction in their variance.
 
         A small motion turns back at another time with another error: its records count less.

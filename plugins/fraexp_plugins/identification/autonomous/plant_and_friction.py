@@ -10,10 +10,10 @@ from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.none import Frictionless
+from fraexp_plugins.identification._shared.law_forces import unit_law
 from fraexp_plugins.identification._shared.usable_records import FORCE_FLOOR, usable_signals
 from fraexp_plugins.identification.autonomous._identified_plant import IdentifiedPlant, identify_plant
 from fraexp_plugins.identification.autonomous._law_choice import LawSelection
-from fraexp_plugins.identification.autonomous._law_columns import named_law
 from fraexp_plugins.identification.autonomous._law_report import FittedLaw, LawReport
 from fraexp_plugins.identification.autonomous._line_records import LineRecords, remove_drift
 from fraexp_plugins.identification.plant.modal_fit import ModalFit
@@ -104,7 +104,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=6):
         self._modal()
         for law in self.laws:
             try:
-                named_law(law, 1.0, 1.0)
+                unit_law(law, 1.0, 1.0)
             except ParameterError as error:
                 raise ParameterError("plant_and_friction.laws: ", *error.args, "; give a model in `starts`") from None
 

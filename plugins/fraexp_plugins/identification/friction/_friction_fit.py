@@ -1,9 +1,8 @@
 """The fit of a law's forces beside the terms: elements on a grid, or any law whose shape is searched."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -21,8 +20,12 @@ from fraexp.api import (
     interval_factor,
 )
 from fraexp_plugins.friction._shared.element_model import ElementModel
-from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification._shared.law_numbers import LawNumbers
+from fraexp_plugins.identification._shared.law_forces import (
+    FreeElements,
+    LawForces,
+    WholeLaw,
+    rolling_elements,
+)
 from fraexp_plugins.identification._shared.least_squares import inverse_square, minimise
 from fraexp_plugins.identification.friction._friction_rows import TERM_UNITS, FrictionProblem, FrictionRecord, Rows
 from fraexp_plugins.identification.friction._regression import (
@@ -50,169 +53,13 @@ class IdentifiedNumber(NamedTuple):
     value: float
 
 
-class Forces(ABC):
-    """Forces per unit of their sizes, along a record, for the coordinates of a shape."""
-
-    @abstractmethod
-    def columns(self, record: FrictionRecord, shape: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return each force [N] per unit of its size, shape (n, N)."""
-
-    @abstractmethod
-    def slopes(
-        self, record: FrictionRecord, shape: NDArray[np.float64], sizes: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the derivative of the force with these sizes by the shape, shape (n, q)."""
-
-    @abstractmethod
-    def numbers(self, shape: NDArray[np.float64], sizes: NDArray[np.float64]) -> list[IdentifiedNumber]:
-        """Return the law's numbers."""
-
-    @abstractmethod
-    def model(self, shape: NDArray[np.float64], sizes: NDArray[np.float64], viscous: float) -> FrictionModel:
-        """Return the law with these numbers."""
-
-
-@dataclass(frozen=True)
-class GridElements(Forces):
-    """Elements with thresholds of a grid; the coordinates are stiffnesses at their neighbours, which are 0.
-
-    An error of an element's threshold appears as stiffness at its neighbours, and counts as that of the element.
-    """
-
-    thresholds: NDArray[np.float64]
-    """Y_i [m], shape (N,)."""
-    neighbours: NDArray[np.float64]
-    """Thresholds beside them [m], shape (q,)."""
-
-    def columns(self, record: FrictionRecord, shape: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the deflection of each element [m], shape (n, N)."""
-        return record.deflections(self.thresholds)
-
-    def slopes(
-        self, record: FrictionRecord, shape: NDArray[np.float64], sizes: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the deflections of the neighbours [m], shape (n, q)."""
-        return record.deflections(self.neighbours)
-
-    def numbers(self, shape: NDArray[np.float64], sizes: NDArray[np.float64]) -> list[IdentifiedNumber]:
-        """Return stiffnesses and limit forces."""
-        nearest = np.argmin(np.abs(np.log(self.neighbours / self.thresholds[:, None])), axis=0)
-        count = self.thresholds.size
-        stiffness = sizes + np.bincount(nearest, shape, count)
-        force = sizes * self.thresholds + np.bincount(nearest, shape * self.neighbours, count)
-        return [
-            IdentifiedNumber(f"stiffness.{place}", "N/m", value) for place, value in enumerate(stiffness.tolist())
-        ] + [IdentifiedNumber(f"limit_force.{place}", "N", value) for place, value in enumerate(force.tolist())]
-
-    def model(self, shape: NDArray[np.float64], sizes: NDArray[np.float64], viscous: float) -> FrictionModel:
-        """Return rolling elements."""
-        return _elements(self.numbers(shape, sizes), viscous)
-
-
-def _elements(numbers: Sequence[IdentifiedNumber], viscous: float) -> Rolling:
-    """Return rolling elements with these numbers."""
-    lists: dict[str, list[float]] = {}
-    for number in numbers:
-        lists.setdefault(number.name.partition(".")[0], []).append(number.value)
-    return Rolling(**{name: tuple(values) for name, values in lists.items()}, viscous_coefficient=viscous)
-
-
-@dataclass(frozen=True)
-class LawForces(Forces):
-    """The force of a law, whichever it is, that the measured motion drives; the size is a factor on it.
-
-    Rolling elements, whose forces add up, are a part each with a size of its own. The sensitivities go through the
-    whole record, forward in time, which is exact and equal to back-propagation (R. J. Williams and D. Zipser, Neural
-    Computation 1(2), 1989, doi:10.1162/neco.1989.1.2.270).
-    """
-
-    parts: tuple[LawNumbers, ...]
-    is_of_elements: bool = False
-    thresholds: tuple[float, float] = (0.0, np.inf)
-    """Least and largest threshold of an element [m]."""
-
-    @classmethod
-    def of(cls, model: FrictionModel, thresholds: tuple[float, float] = (0.0, np.inf)) -> "LawForces":
-        """Return the forces of a law, with the model's numbers as the start."""
-        if not isinstance(model, ElementModel):
-            return cls((LawNumbers(model),))
-        stiffness, force = (np.array(each) for each in model.elements)
-        damping = np.array(model.damping or np.empty((force.size, 0))).reshape(force.size, -1)
-        units = [
-            Rolling(stiffness=(k / limit,), limit_force=(1.0,), damping=tuple(each / limit))
-            for k, limit, each in zip(stiffness, force, damping, strict=True)
-        ]
-        return cls(tuple(LawNumbers(each, fixed=("limit_force",)) for each in units), True, thresholds)
-
-    @property
-    def start(self) -> NDArray[np.float64]:
-        """Coordinates of the start, shape (q,)."""
-        return np.concatenate([part.coordinates for part in self.parts])
-
-    def columns(self, record: FrictionRecord, shape: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the force of each part [N], shape (n, N); 0 for numbers that the law does not allow."""
-        pairs = zip(self.parts, self._split(shape), strict=True)
-        return np.column_stack([_force_along(part, own, record) for part, own in pairs])
-
-    def slopes(
-        self, record: FrictionRecord, shape: NDArray[np.float64], sizes: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the derivative of the force by the coordinates, shape (n, q)."""
-        found = [np.empty((record.displacement.size, 0))]
-        for part, own, size in zip(self.parts, self._split(shape), sizes, strict=True):
-            here = _force_along(part, own, record)
-            moved = [_force_along(part, own + DIFFERENCE * row, record) for row in np.eye(own.size)]
-            found += [(size / DIFFERENCE * (each - here))[:, None] for each in moved]
-        return np.concatenate(found, axis=1)
-
-    def numbers(self, shape: NDArray[np.float64], sizes: NDArray[np.float64]) -> list[IdentifiedNumber]:
-        """Return the numbers of all parts, each of a list with its place among them."""
-        values = [part.values(*pair) for part, *pair in zip(self.parts, self._split(shape), sizes, strict=True)]
-        known = self.parts[0].numbers
-        if not self.is_of_elements:
-            return [
-                IdentifiedNumber(each.name, each.unit, value)
-                for each, value in zip(known, values[0].tolist(), strict=True)
-            ]
-        table = zip(known, np.array(values).T.tolist(), strict=True)
-        return [
-            IdentifiedNumber(f"{n.field}.{place}", n.unit, value) for n, row in table for place, value in enumerate(row)
-        ]
-
-    def model(self, shape: NDArray[np.float64], sizes: NDArray[np.float64], viscous: float) -> FrictionModel:
-        """Return the law with these numbers."""
-        if self.is_of_elements:
-            return _elements(self.numbers(shape, sizes), viscous)
-        return self.parts[0].model(shape, float(sizes[0]), viscous)
-
-    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the bounds of the coordinates, shape (q,) each: an element that never slips is a spring to ground."""
-        lower, upper = np.full((2, self.start.size), np.inf) * [[-1], [1]]
-        if self.is_of_elements:
-            every = self.start.size // len(self.parts)
-            lower[::every] = np.minimum(-np.log(self.thresholds[-1]), self.start[::every]) - 1e-9
-            upper[::every] = np.maximum(-np.log(self.thresholds[0]), self.start[::every]) + 1e-9
-        return lower, upper
-
-    def sorted_elements(
-        self, shape: NDArray[np.float64], sizes: NDArray[np.float64], least: float
-    ) -> tuple["LawForces", NDArray[np.float64]]:
-        """Return the elements of more than the `least` part of the force, by ascending threshold, and their shape."""
-        own = np.array(self._split(shape))
-        kept = [place for place in np.argsort(-own[:, 0]) if sizes[place] > least * sizes.sum()]
-        return replace(self, parts=tuple(self.parts[place] for place in kept)), own[kept].ravel()
-
-    def _split(self, shape: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-        return np.split(shape, len(self.parts))
-
-
-def _force_along(part: LawNumbers, shape: NDArray[np.float64], record: FrictionRecord) -> NDArray[np.float64]:
-    """Return a law's force [N] along a record, from its state before the record, shape (n,)."""
+def columns_along(forces: LawForces, record: FrictionRecord) -> NDArray[np.float64]:
+    """Return the columns of a law [N] along a record, from the state before it, shape (n, N); 0 if it is not valid."""
     motion = Motion(record.displacement, record.sample_time, False, record.before, record.sample_time)
     try:
-        return part.model(shape).forces([motion])[0]
+        return forces.columns(motion)
     except ParameterError:
-        return np.zeros(record.displacement.size)
+        return np.zeros((record.displacement.size, forces.is_coulomb.size))
 
 
 @dataclass(frozen=True)
@@ -220,21 +67,30 @@ class FrictionFit:
     """A law's forces of one shape beside the terms of a problem, with the sizes of least squared error."""
 
     problem: FrictionProblem
-    forces: Forces
-    shape: NDArray[np.float64]
+    forces: LawForces
     stroke: Regression | None = None
     """The change of shape and coefficients by a force along the stroke, and that force."""
+    neighbours: NDArray[np.bool_] | None = None
+    """Which columns have no force, but may have that of another one by an error of its threshold, shape (N,)."""
 
     @cached_property
     def rows(self) -> list[Rows]:
         """Terms, then the forces, in each record."""
-        return self.problem.rows_with([self.forces.columns(record, self.shape) for record in self.problem.records])
+        return self.problem.rows_with([columns_along(self.forces, record) for record in self.problem.records])
 
     @cached_property
     def coefficients(self) -> NDArray[np.float64]:
         """Those of the terms, then the sizes, shape (p,)."""
         compressed = CompressedRows(self.rows, self.problem.signed, self.problem.cycles)
-        return compressed.solve(np.ones(self.rows[0].columns.shape[1], dtype=bool))
+        used = np.ones(compressed.size, dtype=bool)
+        if self.neighbours is not None:
+            used[len(self.problem.terms) :] = ~self.neighbours
+        return compressed.solve(used)
+
+    @property
+    def shape(self) -> NDArray[np.float64]:
+        """Coordinates of the law's shape, shape (q,)."""
+        return self.forces.shape
 
     @property
     def sizes(self) -> NDArray[np.float64]:
@@ -287,7 +143,10 @@ class FrictionFit:
     @cached_property
     def slopes(self) -> list[NDArray[np.float64]]:
         """Derivatives of the modelled force by the shape, then by the coefficients, in the rows of each record."""
-        by_shape = [self.forces.slopes(record, self.shape, self.sizes) for record in self.problem.records]
+        by_shape = []
+        for record in self.problem.records:
+            slopes = self.forces.slopes(partial(columns_along, record=record), self.sizes, DIFFERENCE)
+            by_shape.append(np.array(slopes).reshape(-1, record.displacement.size).T)
         pairs = zip(self.problem.forces_in_rows(by_shape), self.rows, strict=True)
         return [np.hstack([each, rows.columns]) for each, rows in pairs]
 
@@ -304,9 +163,10 @@ class FrictionFit:
     def numbers_at(self, point: NDArray[np.float64]) -> list[IdentifiedNumber]:
         """Return the law's numbers, then the terms, at a shape and coefficients."""
         shape, terms, sizes = self._parts(point)
-        named = zip(self.problem.terms, terms.tolist(), strict=True)
-        return self.forces.numbers(shape, sizes) + [
-            IdentifiedNumber(name, TERM_UNITS[name], value) for name, value in named
+        of_law = replace(self.forces, shape=shape).numbers(sizes)
+        return [IdentifiedNumber(each.name, each.unit, each.value) for each in of_law] + [
+            IdentifiedNumber(name, TERM_UNITS[name], value)
+            for name, value in zip(self.problem.terms, terms.tolist(), strict=True)
         ]
 
     @cached_property
@@ -319,7 +179,7 @@ class FrictionFit:
         """The friction model."""
         shape, _, sizes = self._parts(self.point)
         viscous = self.term("viscous") if self.problem.viscous is None else self.problem.viscous
-        return self.forces.model(shape, sizes, max(viscous, 0.0))
+        return replace(self.forces, shape=shape).model(sizes, viscous)
 
     def _parts(self, point: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         return np.split(point, [self.shape.size, self.shape.size + len(self.problem.terms)])
@@ -330,7 +190,9 @@ class FrictionFit:
 
     @property
     def coulomb_force(self) -> float:
-        """Force of gross sliding [N], by which errors are judged."""
+        """Force of gross sliding [N], by which errors are judged; 0 if the record shows no friction."""
+        if not self.sizes.any():
+            return 0.0
         forces = [each for each in self.numbers if each.unit == "N" and each.name != "offset"]
         of_elements = [each.value for each in forces if each.name.startswith("limit_force")]
         named = [each.value for each in forces if each.name == "coulomb_force"]
@@ -352,7 +214,8 @@ class FrictionFit:
         """Covariance of shape and coefficients over the variance of a row, shape (q + p, q + p)."""
         if self.stroke is not None:
             return self.stroke.inverse
-        used = np.append(np.ones(self.point.size - self.sizes.size, dtype=bool), self.sizes > 0)
+        may_act = self.sizes > 0 if self.neighbours is None else self.neighbours | (self.sizes > 0)
+        used = np.append(np.ones(self.point.size - self.sizes.size, dtype=bool), may_act)
         found = np.zeros((used.size, used.size))
         found[np.ix_(used, used)] = inverse_square(np.concatenate(self.problem.fitted(self.slopes))[:, used])
         return found
@@ -443,20 +306,20 @@ def fit_law(problem: FrictionProblem, model: FrictionModel, max_iterations: int)
 def search_shape(problem: FrictionProblem, model: FrictionModel, max_iterations: int) -> tuple[FrictionFit, bool]:
     """Return where a search from a model ends, and whether it has converged."""
     grid = problem.thresholds
-    forces = LawForces.of(model, (float(grid[0]), float(grid[-1])) if grid.size else (0.0, np.inf))
-    known = [FrictionFit(problem, forces, forces.start)]
-    if not forces.start.size:
+    law: LawForces = FreeElements.of(model) if isinstance(model, ElementModel) else WholeLaw.of(model)
+    known = [FrictionFit(problem, law)]
+    if not law.shape.size:
         return known[0], True
 
     def at(shape: NDArray[np.float64]) -> FrictionFit:
         if not np.array_equal(known[-1].shape, shape):
-            known[:] = [FrictionFit(problem, forces, np.array(shape))]
+            known[:] = [FrictionFit(problem, replace(law, shape=np.array(shape)))]
         return known[-1]
 
     found, has_converged = minimise(
         lambda shape: at(shape).fitted_residuals,
-        forces.start,
-        forces.bounds(),
+        law.shape,
+        law.bounds((float(grid[0]), float(grid[-1])) if grid.size else (0.0, np.inf)),
         max_iterations,
         lambda shape: at(shape).projected_slopes,
     )
@@ -491,9 +354,11 @@ def fit_elements(problem: FrictionProblem, elements: int, has_known_thresholds: 
             "no friction is identifiable: the force does not follow the motion as friction does; check its sign "
             "(friction acts with the velocity), its channel and the dead time"
         )
-    of_grid = np.zeros_like(kept) if has_known_thresholds else np.convolve(sets[0][count:], [1, 1, 1], "same") > 0
-    forces = GridElements(problem.thresholds[kept], problem.thresholds[of_grid & ~kept])
-    return FrictionFit(problem, forces, np.zeros(forces.neighbours.size))
+    of_grid = kept if has_known_thresholds else (np.convolve(sets[0][count:], [1, 1, 1], "same") > 0) | kept
+    chosen, own = problem.thresholds[of_grid], problem.thresholds[kept]
+    # an error of an element's threshold appears as a force at its neighbours, and counts as that of the element
+    owner = np.argmin(np.abs(np.log(chosen / own[:, None])), axis=0)
+    return FrictionFit(problem, rolling_elements(chosen, owner=owner), neighbours=~kept[of_grid])
 
 
 def grid_error(problem: FrictionProblem) -> float:
@@ -507,14 +372,15 @@ def curve_end(problem: FrictionProblem, *, spring_remarks: bool = True) -> tuple
     compressed = CompressedRows(_rows(problem), problem.signed, problem.cycles)
     coefficients = compressed.solve(np.ones(compressed.size, dtype=bool))
     remarks = _spring_remarks(problem, compressed.mean_square(coefficients))
-    force = coefficients[len(problem.terms) :] * problem.thresholds
+    force = coefficients[len(problem.terms) :]
     reached = np.searchsorted(np.cumsum(force), CURVE_END_FORCE * force.sum())
     end = GRID_MARGIN * float(problem.thresholds[min(reached, force.size - 1)])
     return min(end, float(problem.thresholds[-1])), remarks if spring_remarks else []
 
 
 def _rows(problem: FrictionProblem) -> list[Rows]:
-    return problem.rows_with([record.deflections(problem.thresholds) for record in problem.records])
+    grid = rolling_elements(problem.thresholds)
+    return problem.rows_with([columns_along(grid, record) for record in problem.records])
 
 
 def _nested_sets(fitted: CompressedRows, terms: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
@@ -554,11 +420,12 @@ def _spring_remarks(problem: FrictionProblem, without: float) -> list[Finding | 
 
     `without` is the mean squared error without it [N²].
     """
-    columns = [np.column_stack([r.deflections(problem.thresholds), r.displacement]) for r in problem.records]
+    grid = rolling_elements(problem.thresholds)
+    columns = [np.column_stack([columns_along(grid, each), each.displacement]) for each in problem.records]
     compressed = CompressedRows(problem.rows_with(columns), problem.signed, problem.cycles)
     found = compressed.solve(np.ones(compressed.size, dtype=bool))
     stroke = max(float(np.ptp(record.displacement)) for record in problem.records)
-    slipping = float(np.sum(found[len(problem.terms) : -1] * problem.thresholds))
+    slipping = float(np.sum(found[len(problem.terms) : -1]))
     spring = found[-1] * stroke / 2
     if spring <= REMARKED_SPRING * slipping or compressed.mean_square(found) > SPRING_ERROR_RATIO * without:
         return []

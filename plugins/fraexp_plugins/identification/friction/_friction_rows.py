@@ -21,23 +21,6 @@ MIN_QUANTISED_RATIO = 0.9
 """Fraction of a position's steps that are multiples of the smallest one, from which that is the quantisation step."""
 
 
-def stop_operators(displacement: NDArray[np.float64], thresholds: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the deflections z_i [m] of elements with thresholds Y_i [m], shape (n, N), along a displacement from rest.
-
-    Between reversals z = clip(z_r + y - y_r, -Y, Y): exact, all samples and thresholds at once.
-    """
-    deflection = np.empty((displacement.size, thresholds.size))
-    state = np.zeros(thresholds.size)
-    deflection[0] = state
-    ends = reversals(displacement)
-    for begin, end in zip([0, *ends[:-1]], ends, strict=True):
-        monotone = deflection[begin + 1 : end + 1]
-        np.subtract(displacement[begin + 1 : end + 1, None], displacement[begin] - state, out=monotone)
-        np.clip(monotone, -thresholds, thresholds, out=monotone)
-        state = monotone[-1]
-    return deflection
-
-
 def reversals(displacement: NDArray[np.float64]) -> list[int]:
     """Return the samples at which monotone parts of the motion end, the last sample included."""
     change = np.diff(displacement)
@@ -96,10 +79,6 @@ class FrictionRecord:
         span = np.maximum.accumulate(motion) - np.minimum.accumulate(motion)
         known = int(np.searchsorted(span, 2 * max_threshold * (1 - 1e-12)))
         return max(known - self.before.size, 0)
-
-    def deflections(self, thresholds: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the deflections of elements with thresholds [m], from their state before the record, shape (n, N)."""
-        return stop_operators(np.concatenate([self.before, self.displacement]), thresholds)[self.before.size :]
 
     def velocity(self) -> NDArray[np.float64]:
         """Return the velocity [m/s], shape (n,)."""

@@ -25,10 +25,11 @@ from fraexp.api import (
 from fraexp_plugins.friction._shared.element_model import ElementModel
 from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.friction.rolling import Rolling
+from fraexp_plugins.identification._shared.law_forces import FreeElements, WholeLaw, rolling_elements
 from fraexp_plugins.identification._shared.law_numbers import LawNumbers, rough_model
 from fraexp_plugins.identification.friction._friction_fit import (
     FrictionFit,
-    LawForces,
+    columns_along,
     curve_end,
     fit_elements,
     fit_law,
@@ -64,6 +65,8 @@ EQUAL_ERROR = 1.01
 """Held-out error over the least one up to which laws are equal, and that with the fewest numbers is chosen."""
 HELD_OUT_STEP = 4
 """Every fourth cycle is held out."""
+SLIPPING = 1 - 1e-9
+"""Force over its limit from which an element slips."""
 MAX_THRESHOLD_RATIO = 0.35
 """Largest threshold over the stroke: an element that hardly slips is a slow rise of the force with any cause."""
 MIN_SPEED_RATIO = 1.5
@@ -219,15 +222,15 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         speeds = np.concatenate([np.abs(r.velocity())[slide] for r, slide in zip(records, known, strict=True)])
         problem = self._problem(records, speeds, tuple(known), np.empty(0))
         if isinstance(problem.observation, ThrustAndMotion):
-            forces = LawForces.of(Coulomb(coulomb_force=1.0))
-            plain = FrictionFit(problem, forces, forces.start)
+            forces = WholeLaw.of(Coulomb(coulomb_force=1.0))
+            plain = FrictionFit(problem, forces)
             duration = min(record.displacement.size * record.sample_time for record in records)
             rows = [replace(plain, problem=problem.with_lead(lead)).rows for lead in (HELD, EVEN)]
             skipped, remarks = disturbed_start(rows, duration)
             late = [np.arange(slide.size) * records[0].sample_time >= skipped for slide in known]
             known = [slide & is_late for slide, is_late in zip(known, late, strict=True)]
             problem = replace(problem, known=tuple(known), findings=(*problem.findings, *remarks))
-            problem = self._with_lead(problem, signals, lambda moved: FrictionFit(moved, forces, forces.start).error)
+            problem = self._with_lead(problem, signals, lambda moved: FrictionFit(moved, forces).error)
         self._check_directions(problem)
         slow = _speed_quantile(speeds, 0.1)
         models = [*(_unit_model(law, slow) for law in self._laws), *self.starts]
@@ -307,9 +310,8 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
     def _fit_elements(self, problem: FrictionProblem, start: Rolling) -> FrictionFit:
         """Return the fit of elements, without those of negligible force, in the order of their thresholds."""
         fit = fit_law(problem, start, self.max_iterations)
-        assert isinstance(fit.forces, LawForces)
-        forces, shape = fit.forces.sorted_elements(fit.shape, fit.sizes, ROUNDING)
-        return replace(fit, forces=forces, shape=shape)
+        assert isinstance(fit.forces, FreeElements)
+        return replace(fit, forces=fit.forces.order(fit.sizes, ROUNDING))
 
     def _problem(
         self,
@@ -481,8 +483,8 @@ def _least_lead(held: float, middle: float, even: float) -> float:
 
 def _sliding_speeds(record: FrictionRecord, max_threshold: float) -> NDArray[np.float64]:
     """Return the speeds [m/s] at which all elements slip, the largest included."""
-    deflection = record.deflections(np.array([max_threshold]))[:, 0]
-    speeds = np.abs(record.velocity())[np.abs(deflection) >= max_threshold]
+    force = columns_along(rolling_elements(np.array([max_threshold])), record)[:, 0]
+    speeds = np.abs(record.velocity())[np.abs(force) >= SLIPPING]
     return speeds[speeds > 0]
 
 
