@@ -9,7 +9,7 @@ from fraexp.kernels import batch
 from fraexp.kernels.batch_arrays import KernelBatch
 from fraexp.kernels.lanes import WIDE
 from fraexp.kernels.memory_moves import TILE
-from fraexp.simulation.batch_preparation import empty_records, make_frame, prepare_batch
+from fraexp.simulation.batch_preparation import empty_records, prepare_batch
 from fraexp.simulation.experiments import Experiment, ExperimentPlan, Setup
 
 RAMP, RECORD = 2000, 500
@@ -44,35 +44,35 @@ class Loops:
         schedule = Schedule(ramp=RISE * setup.sample_time, settling_timeout=0.0)
         made = [Experiment(setup, _period(setup, i % width), schedule, i) for i in range(width * batches)]
         plans = [ExperimentPlan.from_experiment(each) for each in made]
-        work = prepare_batch(plans, setup)._replace(
+        work = prepare_batch(plans, setup)
+        arrays = work.arrays._replace(
             history=np.empty((width, RAMP + RECORD + TILE)), recorded=empty_records(width, 3, RECORD)
         )
         for name, value in {"ramp": RAMP, "record": RECORD, "start_amplitude": 0.0, "amplitude_rise": 1 / RISE}.items():
-            work.jobs[name] = value
-        work = work._replace(frame=make_frame(work, setup))
-        return cls(setup, batches, work, np.zeros(len(plans) * (RAMP + 4 * RECORD)))
+            arrays.jobs[name] = value
+        return cls(setup, batches, work._replace(arrays=arrays), np.zeros(len(plans) * (RAMP + 4 * RECORD)))
 
     def run(self) -> int:
         """Run all jobs."""
-        for array in (self.work.lanes, self.work.queue):
+        for array in (self.work.arrays.lanes, self.work.arrays.queue):
             array[:] = 0
-        self.work.results["pool_index"] = -1
+        self.work.arrays.results["pool_index"] = -1
         return batch.advance(self.setup.laws, self.work, self.pool, 1 << 60)
 
     @property
     def steps(self) -> int:
         """Steps of all jobs together."""
-        return self.work.jobs.size * (RAMP + RECORD) * self.setup.steps
+        return self.work.arrays.jobs.size * (RAMP + RECORD) * self.setup.steps
 
     @property
     def stayed(self) -> bool:
         """Whether no job exceeded the divergence limit."""
-        return bool(np.all(self.work.results["pool_index"] >= 0))
+        return bool(np.all(self.work.arrays.results["pool_index"] >= 0))
 
     @property
     def sizes(self) -> dict[str, int]:
         """What C calls the loop's sizes."""
-        frame = self.work.frame[0]
+        frame = self.work.arrays.frame[0]
         return {name: int(frame[field]) for name, field in SIZES.items()}
 
     def channels(self, pool: np.ndarray | None = None) -> np.ndarray:

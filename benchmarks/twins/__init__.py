@@ -40,7 +40,7 @@ def compiled(name: str, folder: Path, elements: int, fixed: dict[str, int] | Non
 
 def prepared(function: Any, loops: Loops, pool: np.ndarray) -> Callable[[], int]:
     """Return an action that runs the same jobs as fraexp's kernel, all of one machine, and returns how many batches."""
-    work, jobs = loops.work, loops.work.jobs
+    work, jobs = loops.work.arrays, loops.work.arrays.jobs
     width, record = work.lanes.size, int(jobs["record"][0])
     store = aligned(work.machines[0])
     ramp, goals = int(jobs["ramp"][0]), np.ascontiguousarray(jobs["reference"])

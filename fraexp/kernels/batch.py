@@ -31,11 +31,9 @@ from fraexp.kernels.batch_arrays import (
     RESULT_DTYPE,
     SETTLE,
     SETTLED,
+    BatchArrays,
     KernelBatch,
     LoopJob,
-    LoopLane,
-    LoopQueue,
-    LoopResult,
 )
 from fraexp.kernels.block import (
     DRIVE_AMPLITUDE,
@@ -44,7 +42,6 @@ from fraexp.kernels.block import (
     SIGNATURE,
     TRACE_NEXT_POSITION,
     TRACE_SAMPLES,
-    LoopFrame,
     make_block,
 )
 from fraexp.kernels.call_watch import watched_call
@@ -63,7 +60,7 @@ from fraexp.kernels.loop_laws import Laws, last_call
 from fraexp.kernels.machine_code import compile_kernel, function_address
 from fraexp.kernels.periodic_state import KEPT_WINDOWS, keep_state
 from fraexp.kernels.settling import end_window
-from fraexp.kernels.structs import StructArray, float_array_type, struct_array_type
+from fraexp.kernels.structs import float_array_type, struct_array_type
 
 ALL_DONE, BUDGET_SPENT, POOL_FULL = range(3)
 """What `advance` returns: all experiments have ended, its samples are used up, the pool has no room for a result."""
@@ -74,11 +71,10 @@ FOREVER = 1 << 62
 def advance(laws: Laws, batch: KernelBatch, pool: NDArray[np.float64], budget: int) -> int:
     """Run the experiments on, for up to `budget` samples; return ALL_DONE, BUDGET_SPENT or POOL_FULL."""
     block = function_address(compiled_block(laws, batch.layout))
-    *arguments, _, _, _, _ = batch  # the last fields only describe memory that the frame points to, or keep it alive
     run = _compiled_advance()
     try:
         with watched_call(laws.law, lambda: last_call(laws, batch)[1]):
-            status = int(run(block, *arguments, pool, budget))
+            status = int(run(block, batch.arrays, pool, budget))
     except Exception as error:  # an index that is out of bounds, or whatever a law raises
         raise LawCallError(f"{type(error).__name__}: {error}", *last_call(laws, batch)) from error
     for law, memory in zip(laws.given, batch.law_memories, strict=True):
@@ -121,60 +117,18 @@ def _compiled_advance() -> Dispatcher:
     return compile_kernel("experiments", kernel_source_hash(), lambda: _advance, _SIGNATURE, **COMPILER_OPTIONS)
 
 
-def _advance(
-    block: int,
-    jobs: StructArray[LoopJob],
-    results: StructArray[LoopResult],
-    machines: NDArray[np.float64],
-    waveforms: NDArray[np.float64],
-    references: NDArray[np.float64],
-    noise_std: float,
-    lane_numbers: NDArray[np.float64],
-    drive: NDArray[np.float64],
-    trace: NDArray[np.float64],
-    noise: NDArray[np.float64],
-    lanes: StructArray[LoopLane],
-    cursors: NDArray[np.int64],
-    history: NDArray[np.float64],
-    recorded: NDArray[np.float64],
-    queue: StructArray[LoopQueue],
-    rest_rows: NDArray[np.int64],
-    linear_rows: NDArray[np.int64],
-    window_states: NDArray[np.float64],
-    window_numbers: NDArray[np.int64],
-    saved_memory: NDArray[np.float64],
-    frames: StructArray[LoopFrame],
-    pool: NDArray[np.float64],
-    budget: int,
-) -> int:
-    """Run blocks of samples, each as long as no lane needs a decision; see `KernelBatch` for the arrays."""
-    frame, width, silence = frames[0], lanes.size, jobs[-1].first_sample + jobs[-1].period
-    positions = frame.positions
-    frame.has_moving_reference, frame.has_noise = references.size > 0, noise_std > 0.0
+def _advance(block: int, batch: BatchArrays, pool: NDArray[np.float64], budget: int) -> int:
+    """Run blocks of samples, each as long as no lane needs a decision."""
+    jobs, results, lanes, cursors, trace = batch.jobs, batch.results, batch.lanes, batch.cursors, batch.trace
+    frame, width, silence = batch.frame[0], lanes.size, jobs[-1].first_sample + jobs[-1].period
+    noise, noise_std, positions = batch.noise, batch.noise_std, frame.positions
+    frame.has_moving_reference, frame.has_noise = batch.references.size > 0, noise_std > 0.0
     while True:
         samples, is_busy, is_recording = min(budget, TRACE_SAMPLES), False, False
         for k in range(width):
             lane = lanes[k]
             while lane.remaining == 0:
-                if not _enter_next_stage(
-                    k,
-                    jobs,
-                    results,
-                    machines,
-                    lane_numbers,
-                    drive,
-                    lanes,
-                    cursors,
-                    history,
-                    recorded,
-                    queue,
-                    rest_rows,
-                    linear_rows,
-                    window_states,
-                    window_numbers,
-                    saved_memory,
-                    pool,
-                ):
+                if not _enter_next_stage(k, batch, pool):
                     return POOL_FULL
             # An idle lane takes part in every operation of a vector: it reads zeros, and never starts a record.
             cursors[READ_INDEX, k], cursors[RECORD_START, k] = silence, FOREVER
@@ -198,10 +152,10 @@ def _advance(
                 for i in range(samples * positions):
                     noise[i, k] = noise_std * _normal_number(jobs[lanes[k].job].seed, first + i)
         frame.samples, frame.is_recording = samples, is_recording
-        call_block(block, frames)
+        call_block(block, batch.frame)
         done = frame.samples_done  # fewer than asked for where a lane diverged
         budget -= done
-        keep_trace(done, is_recording, trace, cursors, history, recorded)
+        keep_trace(done, is_recording, batch)
         for k in range(width):
             lane = lanes[k]
             lane.remaining -= done
@@ -214,40 +168,22 @@ def _advance(
 
 
 @compiled(**COMPILER_OPTIONS)
-def _enter_next_stage(
-    k: int,
-    jobs: StructArray[LoopJob],
-    results: StructArray[LoopResult],
-    machines: NDArray[np.float64],
-    lane_numbers: NDArray[np.float64],
-    drive: NDArray[np.float64],
-    lanes: StructArray[LoopLane],
-    cursors: NDArray[np.int64],
-    history: NDArray[np.float64],
-    recorded: NDArray[np.float64],
-    queue: StructArray[LoopQueue],
-    rest_rows: NDArray[np.int64],
-    linear_rows: NDArray[np.int64],
-    window_states: NDArray[np.float64],
-    window_numbers: NDArray[np.int64],
-    saved_memory: NDArray[np.float64],
-    pool: NDArray[np.float64],
-) -> bool:
+def _enter_next_stage(k: int, batch: BatchArrays, pool: NDArray[np.float64]) -> bool:
     """Take lane k from one stage to the next; return whether the pool had room."""
-    lane = lanes[k]
-    job, result = jobs[lane.job], results[lane.job]
+    lane, cursors, history, numbers = batch.lanes[k], batch.cursors, batch.history, batch.lane_numbers[:, k]
+    job, result = batch.jobs[lane.job], batch.results[lane.job]
     if lane.stage in (IDLE, BEYOND_LIMIT):
-        _begin_next_job(k, jobs, machines, lane_numbers, drive, lane, cursors, queue[0], rest_rows)
+        _begin_next_job(k, batch)
         return True
     if lane.stage == RECORD:
-        if not deliver_record(k, job.record, lane, result, cursors, history, recorded, queue[0], pool):
+        if not deliver_record(k, batch, pool):
             return False
-        _begin_next_job(k, jobs, machines, lane_numbers, drive, lane, cursors, queue[0], rest_rows)
+        _begin_next_job(k, batch)
         return True
     if lane.stage == SETTLE:
         is_settled = job.window == 0 or end_window(
-            lane_numbers[:, k], linear_rows, rest_rows, window_states[k], window_numbers[k], saved_memory[k],
-            history[k], cursors[FILL_COUNT, k], job, lane,
+            numbers, batch.linear_rows, batch.rest_rows, batch.window_states[k], batch.window_numbers[k],
+            batch.saved_memory[k], history[k], cursors[FILL_COUNT, k], job, lane,
         )  # fmt: skip
         if is_settled or lane.elapsed >= job.settling_limit:
             result.status = SETTLED if is_settled else NOT_SETTLED
@@ -260,7 +196,7 @@ def _enter_next_stage(
             lane.stage, lane.remaining = RECORD, job.record
             make_room(k, job.window, job.record, lane, cursors, history)
             return True
-    keep_state(lane_numbers[:, k], linear_rows, window_states[k, 0], lane.pairs)
+    keep_state(numbers, batch.linear_rows, batch.window_states[k, 0], lane.pairs)
     lane.stage, lane.remaining = SETTLE, job.window
     make_room(k, KEPT_WINDOWS * job.window, job.window, lane, cursors, history)
     return True
@@ -273,20 +209,11 @@ def _is_record_within_window(job: LoopJob) -> bool:
 
 
 @compiled(**COMPILER_OPTIONS)
-def _begin_next_job(
-    k: int,
-    jobs: StructArray[LoopJob],
-    machines: NDArray[np.float64],
-    lane_numbers: NDArray[np.float64],
-    drive: NDArray[np.float64],
-    lane: LoopLane,
-    cursors: NDArray[np.int64],
-    queue: LoopQueue,
-    rest_rows: NDArray[np.int64],
-) -> None:
+def _begin_next_job(k: int, batch: BatchArrays) -> None:
     """Put the next experiment on lane k, at rest; without one the lane idles, at rest."""
-    numbers = machines.shape[1]
-    for row in rest_rows:
+    jobs, machines, lane_numbers, drive = batch.jobs, batch.machines, batch.lane_numbers, batch.drive
+    lane, queue, cursors = batch.lanes[k], batch.queue[0], batch.cursors
+    for row in batch.rest_rows:
         lane_numbers[row, k] = 0.0
     for row in range(drive.shape[0]):
         drive[row, k] = 0.0
@@ -304,7 +231,7 @@ def _begin_next_job(
         lane.stage, lane.remaining = RAMP, job.ramp
     else:
         lane.job, lane.stage, lane.remaining = 0, IDLE, FOREVER
-    for row in range(numbers):
+    for row in range(machines.shape[1]):
         lane_numbers[row, k] = machines[machine, row]
 
 
@@ -330,13 +257,13 @@ def _uniform_number(state: np.uint64) -> float:
     return (np.float64(state >> np.uint64(11)) + 1.0) * (1.0 / 9007199254740992.0)
 
 
-_SIGNATURE = (
-    types.int64, struct_array_type(JOB_DTYPE), struct_array_type(RESULT_DTYPE), float_array_type(2),
-    float_array_type(1), float_array_type(1), types.float64, float_array_type(2), float_array_type(2),
-    float_array_type(2), float_array_type(2), struct_array_type(LANE_DTYPE), types.Array(types.int64, 2, "C"),
-    float_array_type(2), float_array_type(3), struct_array_type(QUEUE_DTYPE),
-    types.Array(types.int64, 1, "C"), types.Array(types.int64, 1, "C"), float_array_type(4),
-    types.Array(types.int64, 2, "C"), float_array_type(2), *SIGNATURE,
-    float_array_type(1), types.int64,
-)  # fmt: skip
-"""Types of `_advance`'s arguments: the block's address, the fields of `KernelBatch`, the pool, and the samples."""
+_BATCH_TYPE = types.NamedTuple((
+    struct_array_type(JOB_DTYPE), struct_array_type(RESULT_DTYPE), float_array_type(2), float_array_type(1),
+    float_array_type(1), types.float64, float_array_type(2), float_array_type(2), float_array_type(2),
+    float_array_type(2), struct_array_type(LANE_DTYPE), types.Array(types.int64, 2, "C"), float_array_type(2),
+    float_array_type(3), struct_array_type(QUEUE_DTYPE), types.Array(types.int64, 1, "C"),
+    types.Array(types.int64, 1, "C"), float_array_type(4), types.Array(types.int64, 2, "C"), float_array_type(2),
+    *SIGNATURE,
+), BatchArrays)  # fmt: skip
+_SIGNATURE = (types.int64, _BATCH_TYPE, float_array_type(1), types.int64)
+"""Types of `_advance`'s arguments: the block's address, the arrays, the pool, and the samples."""

@@ -118,7 +118,7 @@ JOB_DTYPE, RESULT_DTYPE = struct_dtype(LoopJob), struct_dtype(LoopResult)
 LANE_DTYPE, QUEUE_DTYPE = struct_dtype(LoopLane), struct_dtype(LoopQueue)
 
 
-class KernelBatch(NamedTuple):
+class BatchArrays(NamedTuple):
     """Experiments on their way; arrays that compiled code changes in place. Jobs are begun in their order."""
 
     jobs: NDArray[np.void]
@@ -164,6 +164,12 @@ class KernelBatch(NamedTuple):
     """The loop's memory before a lane's first jump, shape (lanes, rest rows)."""
     frame: NDArray[np.void]
     """What a block of samples needs, shape (1,) of `LoopFrame`."""
+
+
+class KernelBatch(NamedTuple):
+    """A batch of experiments: what compiled code takes, and what keeps alive and describes the memory behind it."""
+
+    arrays: BatchArrays
     argument_sizes: NDArray[np.int64]
     """Sizes of the law's arguments, then of the compensation's; they are kept here, as the frame has addresses only."""
     last_call: NDArray[np.float64]

@@ -4,22 +4,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.kernels.addresses import DOUBLE_BYTES
-from fraexp.kernels.batch_arrays import FILL_COUNT, OFFSET, RECORD_START, LoopLane, LoopQueue, LoopResult
+from fraexp.kernels.batch_arrays import FILL_COUNT, OFFSET, RECORD_START, BatchArrays, LoopLane
 from fraexp.kernels.block import TRACE_CHANNELS, TRACE_POSITION, TRACE_SAMPLES
 from fraexp.kernels.decorators import COMPILER_OPTIONS, compiled
 from fraexp.kernels.memory_moves import TILE, copy_doubles, store_transposed
 
 
 @compiled(**COMPILER_OPTIONS)
-def keep_trace(
-    samples: int,
-    is_recording: bool,
-    trace: NDArray[np.float64],
-    cursors: NDArray[np.int64],
-    history: NDArray[np.float64],
-    recorded: NDArray[np.float64],
-) -> None:
+def keep_trace(samples: int, is_recording: bool, batch: BatchArrays) -> None:
     """Add the samples of a block to the histories of all lanes and, from where a record starts, to the record."""
+    trace, cursors, history, recorded = batch.trace, batch.cursors, batch.history, batch.recorded
     for k in range(trace.shape[1]):
         cursors[OFFSET, k] = k * history.shape[1] + cursors[FILL_COUNT, k]
     _keep_part(trace, TRACE_POSITION, samples, history.ctypes.data, cursors[OFFSET])
@@ -63,19 +57,11 @@ def make_room(
 
 
 @compiled(**COMPILER_OPTIONS)
-def deliver_record(
-    k: int,
-    record: int,
-    lane: LoopLane,
-    result: LoopResult,
-    cursors: NDArray[np.int64],
-    history: NDArray[np.float64],
-    recorded: NDArray[np.float64],
-    queue: LoopQueue,
-    pool: NDArray[np.float64],
-) -> bool:
-    """Copy a finished record to the pool; return whether the pool has room for it."""
-    filled, used = cursors[FILL_COUNT, k], queue.pool_used
+def deliver_record(k: int, batch: BatchArrays, pool: NDArray[np.float64]) -> bool:
+    """Copy the finished record of lane k to the pool; return whether the pool has room for it."""
+    lane, queue, history, recorded = batch.lanes[k], batch.queue[0], batch.history, batch.recorded
+    record, result = batch.jobs[lane.job].record, batch.results[lane.job]
+    filled, used = batch.cursors[FILL_COUNT, k], queue.pool_used
     first = filled - record if lane.has_dropped else 0
     if used + filled - first + recorded.shape[1] * record > pool.size:
         return False

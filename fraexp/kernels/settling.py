@@ -36,7 +36,7 @@ def end_window(
 ) -> bool:
     """Return whether a lane has settled at the end of a window; change its numbers where its decay is slow.
 
-    The arrays are those of one lane of `KernelBatch`.
+    The arrays are those of one lane of `BatchArrays`.
     """
     lane.windows, lane.unbroken = lane.windows + 1, lane.unbroken + 1
     if lane.unbroken < 2:  # friction still follows a jump, or the ramp

@@ -16,6 +16,7 @@ from fraexp.kernels.batch_arrays import (
     READ_INDEX,
     RESULT_DTYPE,
     WAITING,
+    BatchArrays,
     KernelBatch,
 )
 from fraexp.kernels.block import DRIVE_ROWS, FRAME_DTYPE, TRACE_SAMPLES, trace_rows
@@ -56,7 +57,7 @@ def prepare_batch(plans: list[ExperimentPlan], setup: Setup) -> KernelBatch:
     rest_rows, linear_rows = _rest_rows(setup, rows), _linear_rows(setup, rows)
     for memory in law_memories:
         set_guards(memory)
-    batch = KernelBatch(
+    arrays = BatchArrays(
         jobs=_jobs(plans, setups),
         results=_empty_results(len(plans)),
         machines=machines,
@@ -80,12 +81,15 @@ def prepare_batch(plans: list[ExperimentPlan], setup: Setup) -> KernelBatch:
         window_numbers=np.zeros((width, DEPTH), np.int64),
         saved_memory=np.zeros((width, rest_rows.size)),
         frame=np.empty(0, FRAME_DTYPE),
+    )
+    batch = KernelBatch(
+        arrays=arrays,
         argument_sizes=np.array([*law_sizes, *compensation_sizes], np.int64),
         last_call=np.zeros(CALL_NUMBERS),
         law_memories=law_memories,
         layout=layout,
     )
-    return batch._replace(frame=make_frame(batch, setup))
+    return _with_frame(batch, setup)
 
 
 def empty_records(width: int, channels: int, samples: int) -> NDArray[np.float64]:
@@ -93,9 +97,9 @@ def empty_records(width: int, channels: int, samples: int) -> NDArray[np.float64
     return np.empty((width, channels, TRACE_SAMPLES + samples + TILE))
 
 
-def make_frame(batch: KernelBatch, setup: Setup) -> NDArray[np.void]:
-    """Return what a block of samples needs, shape (1,): sizes, addresses in the batch's arrays, and settings."""
-    discrete, compensation, rows = setup.discrete, setup.compensation, _RowCounts.of(setup)
+def _with_frame(batch: KernelBatch, setup: Setup) -> KernelBatch:
+    """Return a batch with what a block of samples needs: sizes, addresses in the batch's arrays, and settings."""
+    arrays, discrete, compensation, rows = batch.arrays, setup.discrete, setup.compensation, _RowCounts.of(setup)
     law_sizes, _ = _argument_sizes(setup)
     values: dict[str, float] = {
         "states": discrete.transition.shape[0],
@@ -110,22 +114,23 @@ def make_frame(batch: KernelBatch, setup: Setup) -> NDArray[np.void]:
         "time_step": setup.sample_time / setup.steps,
         "resolution": setup.resolution,
         "divergence_limit": setup.divergence_limit,
-        "drive": batch.drive.ctypes.data,
-        "trace": batch.trace.ctypes.data,
+        "drive": arrays.drive.ctypes.data,
+        "trace": arrays.trace.ctypes.data,
         "last_call": batch.last_call.ctypes.data,
-        "noise": batch.noise.ctypes.data,
-        "waveforms": batch.waveforms.ctypes.data,
-        "references": batch.references.ctypes.data,
-        "read_indices": batch.cursors[READ_INDEX].ctypes.data,
+        "noise": arrays.noise.ctypes.data,
+        "waveforms": arrays.waveforms.ctypes.data,
+        "references": arrays.references.ctypes.data,
+        "read_indices": arrays.cursors[READ_INDEX].ctypes.data,
         "argument_sizes": batch.argument_sizes.ctypes.data,
         "compensation_sizes": batch.argument_sizes[len(law_sizes) :].ctypes.data,
     }
-    places = [(numbers.ctypes.data, numbers.strides[0]) for numbers in (batch.machines[0], batch.lane_numbers)]
+    places = [(numbers.ctypes.data, numbers.strides[0]) for numbers in (arrays.machines[0], arrays.lane_numbers)]
     for name, row in rows.first.items():
         first = row + (GUARD_ROWS if name in LAW_MEMORIES else 0)  # a law's memory begins with a guard
         address, stride = places[0 if batch.layout.is_shared and name in rows.constants else 1]
         values[name] = address + first * stride
-    return np.array([tuple(values.get(name, 0) for name in FRAME_DTYPE.names or ())], FRAME_DTYPE)
+    frame = np.array([tuple(values.get(name, 0) for name in FRAME_DTYPE.names or ())], FRAME_DTYPE)
+    return batch._replace(arrays=arrays._replace(frame=frame))
 
 
 def _argument_sizes(setup: Setup) -> tuple[list[int], list[int]]:

@@ -46,7 +46,7 @@ def run_experiments(experiments: Sequence[Experiment], progress: Progress) -> li
     setup = experiments[0].setup
     batch, laws = prepare_batch(plans, setup), setup.laws
     budget = CallBudget(STEPS_PER_CALL // setup.steps, laws.law, laws.first_steps // setup.steps)
-    results = batch.results
+    results = batch.arrays.results
     expected = np.array([plan.expected_samples for plan in plans])
     weights = expected / expected.sum()
     pools: list[NDArray[np.float64]] = []
@@ -55,7 +55,7 @@ def run_experiments(experiments: Sequence[Experiment], progress: Progress) -> li
     while status != ALL_DONE:
         if status == POOL_FULL:
             pools.append(np.empty(_pool_size(plans, batch, is_first=not pools)))
-            batch.queue["pool_used"] = 0
+            batch.arrays.queue["pool_used"] = 0
         try:
             with call_explainer(partial(_hang_fault, setup)), budget.measure() as samples:
                 status = advance(laws, batch, pools[-1], samples)
@@ -129,8 +129,8 @@ def _require_finite(experiments: Sequence[Experiment], results: NDArray[np.void]
 
 def _pool_size(plans: list[ExperimentPlan], batch: "KernelBatch", is_first: bool) -> int:
     """Return the numbers that the next results need: a guess, which may be too small for one result at first only."""
-    largest_result = batch.history.shape[1] + batch.recorded[0].size
-    guess = sum(plan.expected_samples + batch.recorded.shape[1] * plan.record for plan in plans)
+    largest_result = batch.arrays.history.shape[1] + batch.arrays.recorded[0].size
+    guess = sum(plan.expected_samples + batch.arrays.recorded.shape[1] * plan.record for plan in plans)
     guess = min(guess, MAX_POOL_SIZE)
     return guess if is_first and len(plans) > 1 else max(largest_result, guess)
 
@@ -139,9 +139,9 @@ def _fraction_done(weights: NDArray[np.float64], plans: list[ExperimentPlan], ba
     """Return the fraction of all experiments that is certainly done."""
     from fraexp.kernels.batch_arrays import DIVERGED, IDLE
 
-    is_done = (batch.results["pool_index"] >= 0) | (batch.results["status"] == DIVERGED)
+    is_done = (batch.arrays.results["pool_index"] >= 0) | (batch.arrays.results["status"] == DIVERGED)
     done = float(np.sum(weights[is_done]))
-    busy = batch.lanes[batch.lanes["stage"] != IDLE]
+    busy = batch.arrays.lanes[batch.arrays.lanes["stage"] != IDLE]
     for job, elapsed in zip(busy["job"].tolist(), busy["elapsed"].tolist(), strict=True):
         done += weights[job] * min(elapsed / max(plans[job].max_samples, 1), UNFINISHED_SHARE)
     return min(done, 1.0)
@@ -173,7 +173,7 @@ class LiveLoop:
         """Whether the displacement has left the divergence limit, or is no number."""
         from fraexp.kernels.batch_arrays import DIVERGED, NOT_FINITE
 
-        return int(self._batch.results["status"][0]) in (DIVERGED, NOT_FINITE)
+        return int(self._batch.arrays.results["status"][0]) in (DIVERGED, NOT_FINITE)
 
     def play(self, excitation: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         """Return what each channel records while the excitation [N], shape (n,), is added to the control input.
@@ -192,15 +192,16 @@ class LiveLoop:
         from fraexp.kernels.batch_arrays import FILL_COUNT
         from fraexp.kernels.block import TRACE_SAMPLES
 
-        batch, size = self._batch, excitation.size
+        arrays, size = self._batch.arrays, excitation.size
         if not self.has_diverged:
-            batch.waveforms[:size] = excitation
-            batch.lanes[0]["remaining"], batch.lanes[0]["phase"], batch.cursors[FILL_COUNT, 0] = self._record, 0, 0
+            arrays.waveforms[:size] = excitation
+            arrays.lanes[0]["remaining"], arrays.lanes[0]["phase"] = self._record, 0
+            arrays.cursors[FILL_COUNT, 0] = 0
             self._run(size)
         if self.has_diverged:
             return np.full((len(self._setup.channels), size), np.nan)
-        others = batch.recorded[0, :, TRACE_SAMPLES : TRACE_SAMPLES + size]
-        return np.vstack([batch.history[0, :size], others])
+        others = arrays.recorded[0, :, TRACE_SAMPLES : TRACE_SAMPLES + size]
+        return np.vstack([arrays.history[0, :size], others])
 
     def _run(self, samples: int) -> None:
         self._advance(self._setup.laws, self._batch, self._pool, samples)

@@ -23,6 +23,6 @@ def plans(setups: list[Setup]) -> list[ExperimentPlan]:
 def test_experiments_of_one_setup_share_a_machine_and_differ_in_noise() -> None:
     one = setup()
     batch = prepare_batch(plans([one, one, one]), one)
-    assert batch.machines.shape[0] == 1
-    assert batch.jobs["machine"].tolist() == [0, 0, 0]
-    assert len(set(batch.jobs["seed"].tolist())) == 3
+    assert batch.arrays.machines.shape[0] == 1
+    assert batch.arrays.jobs["machine"].tolist() == [0, 0, 0]
+    assert len(set(batch.arrays.jobs["seed"].tolist())) == 3
