@@ -14,19 +14,20 @@ from fraexp.errors import FraexpError
 from fraexp.figures.elements.canvas import figure_style
 from fraexp.figures.elements.facets import panel_places
 from fraexp.figures.elements.grouping import CurvePlace, ShownResult, curve_places, facet_indices
+from fraexp.figures.elements.panel_figure import draw_panels
 from fraexp.figures.elements.stamp import check_suffix, stamp_digest
 from fraexp.figures.elements.view import FULL_VIEW, View, break_wrapped_lines, zoom_to_band
 from fraexp.figures.kinds.amplitude_map import amplitude_map_info, draw_amplitude_map, response_map_info
 from fraexp.figures.kinds.bode import Reference, bode_info, draw_bode
-from fraexp.figures.kinds.coherence import coherence_info, draw_coherence
+from fraexp.figures.kinds.coherence import coherence_info
 from fraexp.figures.kinds.difference import difference_info, draw_difference
 from fraexp.figures.kinds.distribution import distribution_info, draw_distribution
 from fraexp.figures.kinds.hysteresis_loops import draw_hysteresis, hysteresis_info, is_hysteresis
 from fraexp.figures.kinds.levels import draw_levels, levels_info
 from fraexp.figures.kinds.nyquist import draw_nyquist, nyquist_info
-from fraexp.figures.kinds.other_curves import curves_info, draw_curves
+from fraexp.figures.kinds.other_curves import curves_info
 from fraexp.figures.kinds.plant_errors import draw_errors, errors_info
-from fraexp.figures.kinds.positioning_moves import draw_positioning, is_positioning, positioning_info
+from fraexp.figures.kinds.positioning_moves import is_positioning, positioning_info
 
 FACET_KINDS = ("hysteresis", "positioning", "curves", "difference", "coherence", "nyquist")
 """Kinds of figures that have facets but no map."""
@@ -113,12 +114,12 @@ DRAWING_FUNCTIONS: dict[str, Callable[[FigureRequest], Figure]] = {
     "amplitude_map": lambda of: draw_amplitude_map(amplitude_map_info(of.shown, of.title)),
     "difference": lambda of: draw_difference(difference_info(of.shown, of.title)),
     "nyquist": lambda of: draw_nyquist(nyquist_info(of.shown, of.reference, of.title)),
-    "coherence": lambda of: draw_coherence(coherence_info(of.shown, of.title)),
+    "coherence": lambda of: draw_panels(coherence_info(of.shown, of.title)),
     "levels": lambda of: draw_levels(levels_info(of.shown, of.title)),
     "hysteresis": lambda of: draw_hysteresis(hysteresis_info(*of.curves(is_hysteresis))),
-    "positioning": lambda of: draw_positioning(positioning_info(*of.curves(is_positioning))),
+    "positioning": lambda of: draw_panels(positioning_info(*of.curves(is_positioning))),
     "distribution": lambda of: draw_distribution(distribution_info(of.shown, of.title)),
-    "curves": lambda of: draw_curves(curves_info(*of.curves())),
+    "curves": lambda of: draw_panels(curves_info(*of.curves())),
 }
 """What draws each kind of figure."""
 

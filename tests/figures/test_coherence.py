@@ -5,7 +5,8 @@ import numpy as np
 from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.grouping import ShownResult
-from fraexp.figures.kinds.coherence import coherence_info, draw_coherence
+from fraexp.figures.elements.panel_figure import draw_panels
+from fraexp.figures.kinds.coherence import coherence_info
 from tests.figures.curves import make_response
 from tests.refusals import refused
 
@@ -25,20 +26,19 @@ def test_coherence_and_distortion_are_shown_where_they_are_known() -> None:
         shown("spectral", coherence=np.array([0.9, 0.7, 0.8])),
         shown("nothing"),
     ])  # fmt: skip
-    assert [[line.name for line in lines] for lines in info.rows.values()] == [["spectral"], ["stepped"]]
-    np.testing.assert_allclose(info.rows["distortion"][0].y, 2)  # per cent
-    np.testing.assert_allclose(info.rows["coherence"][0].y, [0.9, 0.8, 0.7])
-    assert not info.is_logarithmic
-    figure = draw_coherence(info)
+    assert [[line.name for line in panel.lines] for panel in info.panels] == [["spectral"], ["stepped"]]
+    np.testing.assert_allclose(info.panels[1].lines[0].y, 2)  # per cent
+    np.testing.assert_allclose(info.panels[0].lines[0].y, [0.9, 0.8, 0.7])
+    assert not info.panels[1].is_log
+    figure = draw_panels(info)
     assert [axes.get_ylabel() for axes in figure.axes] == ["Squared coherence [1]", "Harmonic distortion [%]"]
 
 
 def test_one_panel_is_drawn_if_one_is_known_and_decades_have_their_axis() -> None:
     few = [shown("a", distortion=0.001), shown("b", distortion=0.5)]
     info = coherence_info(few)
-    assert list(info.rows) == ["distortion"]
-    assert info.is_logarithmic
-    (axes,) = draw_coherence(info).axes
+    assert [(panel.ordinate, panel.is_log) for panel in info.panels] == [("Harmonic distortion [%]", True)]
+    (axes,) = draw_panels(info).axes
     assert axes.get_yscale() == "log"
 
 

@@ -11,16 +11,16 @@ from tests.refusals import refused
 
 def test_similar_strokes_share_a_panel_in_micrometres() -> None:
     info = hysteresis_info([("10", make_loop(10e-6)), ("50", make_loop(50e-6))])
-    assert [panel.unit for panel in info.panels] == ["µm"]
-    assert info.panels[0].loops[0].x.max() == pytest.approx(10)
-    assert info.panels[0].loops[0].y.max() == pytest.approx(1)
+    assert [family.unit for family in info.families] == ["µm"]
+    assert info.panels[0].lines[0].x.max() == pytest.approx(10)
+    assert info.panels[0].lines[0].y.max() == pytest.approx(1)
 
 
 def test_small_and_large_strokes_have_panels_of_their_own() -> None:
     strokes = [2.5e-3, 10e-6, 1e-3, 50e-6]
     info = hysteresis_info([(f"{stroke}", make_loop(stroke)) for stroke in strokes])
-    assert [panel.unit for panel in info.panels] == ["µm", "mm"]
-    assert [[loop.name for loop in panel.loops] for panel in info.panels] == [["1e-05", "5e-05"], ["0.0025", "0.001"]]
+    assert [family.unit for family in info.families] == ["µm", "mm"]
+    assert [[loop.name for loop in panel.lines] for panel in info.panels] == [["1e-05", "5e-05"], ["0.0025", "0.001"]]
     figure = draw_hysteresis(info)
     assert [axes.get_xlabel() for axes in figure.axes] == ["Displacement [µm]", "Displacement [mm]"]
     assert len(figure.legends[0].get_texts()) == 4

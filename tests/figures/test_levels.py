@@ -28,9 +28,9 @@ def test_levels_are_standard_deviations_on_the_scale_of_the_response() -> None:
         nonlinear_variance=np.full(3, 1e-8),
     )
     info = levels_info([of])
-    levels = {line.name: line.y for line in info.lines}
-    assert info.unit == "mm/N"
-    np.testing.assert_allclose(info.lines[0].x, [1, 2, 3])
+    levels = {line.name: line.y for line in info.panels[0].lines}
+    assert info.panels[0].ordinate == "Level [dB re 1 mm/N]"
+    np.testing.assert_allclose(info.panels[0].lines[0].x, [1, 2, 3])
     np.testing.assert_allclose(levels[RESPONSE], [0, 0, -20])
     np.testing.assert_allclose(levels[TOTAL], -40 + 10 * np.log10(2))  # real and imaginary part
     np.testing.assert_allclose(levels[NOISE], [-60, np.nan, -80])
@@ -47,7 +47,7 @@ def test_odd_and_even_distortions_are_drawn_and_listed_where_detection_lines_tel
     }
     curve = Curve("distortion levels", columns, {"frequency": "Hz", "output": "m", "odd": "m", "even": "m"})
     result = replace(plain.result, curves=(curve,))
-    levels = {line.name: line.y for line in levels_info([replace(plain, result=result)]).lines}
+    levels = {line.name: line.y for line in levels_info([replace(plain, result=result)]).panels[0].lines}
     np.testing.assert_allclose(levels[ODD], [-20, -20, -20], atol=1e-9)  # |Ĝ| of 0, 0 and -20 dB
     np.testing.assert_allclose(levels[EVEN], [-60, -60, -80], atol=1e-9)
     assert result.response is not None
@@ -62,7 +62,7 @@ def test_odd_and_even_distortions_are_drawn_and_listed_where_detection_lines_tel
 def test_only_what_is_known_is_drawn() -> None:
     known = shown("known", deviation=np.full(3, 1e-5))
     info = levels_info([known, shown("nothing known")])
-    assert [(line.place.facet, line.name) for line in info.lines] == [("known", RESPONSE), ("known", TOTAL)]
+    assert [(line.place.facet, line.name) for line in info.panels[0].lines] == [("known", RESPONSE), ("known", TOTAL)]
     figure = draw_levels(info)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [RESPONSE, TOTAL]
     with refused(FraexpError, "levels", "noise"):

@@ -43,11 +43,11 @@ def test_it_is_drawn_by_itself_where_there_are_such_curves():
 
 def test_deviation_and_time_count_from_the_move_on():
     info = positioning_info([("a", motion(20e-6, wait=30))])
-    (move,) = info.deviations
+    (move,) = info.panels[0].lines
     assert move.x[30] == pytest.approx(0)
     assert move.y[30] == pytest.approx(-1000)
     assert move.y[71] == pytest.approx(20)
-    assert info.height == pytest.approx(AXIS_MARGIN * 20)
+    assert info.panels[0].span[1] == pytest.approx(AXIS_MARGIN * 20)
 
 
 def test_the_axis_shows_a_few_bands_and_is_logarithmic_where_that_is_not_enough():

@@ -41,10 +41,10 @@ def test_kinds_of_curves_are_shown_one_after_another(tmp_path: Path) -> None:
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         page = await compare(app, pilot, keys)
         for kind, places, text, others in (
-            ("positioning", [0], "Position less target", "hysteresis loops of 2 sweeps, other curves of 1 sweep: g"),
+            ("positioning", [0], "Position − target", "hysteresis loops of 2 sweeps, other curves of 1 sweep: g"),
             ("hysteresis", [1, 2], "Friction force [N] over", "other curves of 1 sweep, motions of 1 sweep: g"),
             ("curves", [3], "Error [dB]", "motions of 1 sweep, hysteresis loops of 2 sweeps: g"),
-            ("positioning", [0], "Position less target", "Curves: motions"),
+            ("positioning", [0], "Position − target", "Curves: motions"),
         ):
             await shows(pilot, text, others)
             assert list(page.labels()) == places

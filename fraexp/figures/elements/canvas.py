@@ -173,14 +173,6 @@ def set_error_axis(axes: "Axes", fine: float) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
-def error_axis_title(axes: "Axes", name: str, unit: str) -> str:
-    """Return the title of an axis of errors, which declares its scale if that is not linear all over."""
-    if axes.get_yscale() != "symlog":
-        return f"{name} [{unit}]"
-    linear = getattr(axes.yaxis.get_transform(), "linthresh", 0.0)
-    return f"{name} [{unit}]\n(logarithmic beyond ±{linear:g} {unit})"
-
-
 def draw_grid(*panels: "Axes") -> None:
     """Draw a faint grid under the data, with minor lines between the ticks."""
     from matplotlib.ticker import MaxNLocator

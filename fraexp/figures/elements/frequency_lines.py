@@ -22,7 +22,7 @@ from fraexp.figures.elements.bands import (
     stack_padded,
 )
 from fraexp.figures.elements.canvas import LineStyle
-from fraexp.figures.elements.facets import FacetPanels, facet_panels, group_styles, is_explained
+from fraexp.figures.elements.facets import is_explained
 from fraexp.figures.elements.grouping import CurvePlace, point_indices
 from fraexp.figures.elements.labels import drawable
 
@@ -181,9 +181,10 @@ def add_model_legend(axes: "Axes", label: str) -> None:
     axes.plot([], [], color=LEGEND_GREY, linewidth=MODEL_LINE_WIDTH, label=label)
 
 
-def add_band_legend(axes: "Axes") -> None:
-    """Add one legend entry for all bands."""
-    axes.fill_between([], [], color=LEGEND_GREY, alpha=BAND_OPACITY, linewidth=0, label="95 %")
+def add_band_legend(axes: "Axes", lines: Iterable["GroupedLine"]) -> None:
+    """Add one legend entry for the bands of all lines, if there are any."""
+    if any(line.band is not None for line in lines):
+        axes.fill_between([], [], color=LEGEND_GREY, alpha=BAND_OPACITY, linewidth=0, label="95 %")
 
 
 def curve_limits(curve: Curve) -> NDArray[np.float64] | None:
@@ -221,10 +222,8 @@ class GroupedLine:
         return np.ones(len(self.x), dtype=bool) if self.settled is None else self.settled
 
 
-def draw_grouped_lines(
-    axes: "Axes", lines: Sequence[GroupedLine], styles: Mapping[str, LineStyle], opacity: float | None = None
-) -> None:
-    """Draw lines in the styles of their groups, and samples as bundles; `opacity` is that of 95 % bands.
+def draw_grouped_lines(axes: "Axes", lines: Sequence[GroupedLine], styles: Mapping[str, LineStyle]) -> None:
+    """Draw lines in the styles of their groups, and samples as bundles.
 
     Lines of a scale of amounts, and those that are named by the title of their panel, have no legend entries.
     """
@@ -251,35 +250,13 @@ def draw_grouped_lines(
         for of in singles
         if of.band is not None
     ]
-    draw_bands(axes, bands, **({} if opacity is None else {"opacity": opacity}))
+    draw_bands(axes, bands)
 
 
 def _bundle(sample: Sequence[GroupedLine]) -> Bundle:
     place = sample[0].place
     y = [with_gaps(of.y, of.usable) for of in sample]
     return Bundle(place.group, stack_padded([of.x for of in sample]), stack_padded(y), place.sample)
-
-
-def draw_rows(
-    rows: Sequence[Sequence[GroupedLine]],
-    size: tuple[float, float],
-    heights: Sequence[float] = (),
-    facet_height: float = 3.7,
-    *,
-    styles: Mapping[str, LineStyle] | None = None,
-    is_shared: bool = True,
-    below: Sequence[int] = (),
-    beside: Sequence[int] = (),
-) -> FacetPanels:
-    """Return panels for the facets of lines, with those of each row drawn one below the other (see `facet_panels`)."""
-    places = [line.place for row in rows for line in row]
-    names = list(dict.fromkeys(place.facet for place in places))
-    panels = facet_panels(names, size, heights or (1.0,) * len(rows), facet_height, is_shared, below, beside)
-    chosen = group_styles(places) if styles is None else styles
-    for name, facet in panels.facets.items():
-        for axes, row in zip(facet, rows, strict=True):
-            draw_grouped_lines(axes, [line for line in row if line.place.facet == name], chosen)
-    return panels
 
 
 def frequency_span(lines: Iterable[GroupedLine | PhasedCurve]) -> tuple[float, float]:

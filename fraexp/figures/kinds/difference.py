@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from fraexp.analysis.confidence import confidence_limits
 from fraexp.data.results import FrequencyResponse
 from fraexp.errors import FraexpError
-from fraexp.figures.elements import canvas
-from fraexp.figures.elements.facets import by_facet, facet_panels, group_styles
-from fraexp.figures.elements.frequency_lines import frequency_span
+from fraexp.figures.elements.facets import group_styles
 from fraexp.figures.elements.grouping import OWN_PLACE, CurvePlace, ShownResult, curve_places
+from fraexp.figures.elements.panel_figure import PanelFigure, draw_panels, over_frequency
 from fraexp.figures.elements.scales import continuous_phase, decibel, degree_limits, degrees
-from fraexp.figures.kinds.plant_errors import ErrorCurve, draw_error_parts
+from fraexp.figures.kinds.plant_errors import ErrorCurve, error_panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -235,17 +234,12 @@ def _combined_limits(of: NDArray[np.float64], to: NDArray[np.float64]) -> NDArra
     return np.stack([-np.hypot(of[0], to[1]), np.hypot(of[1], to[0])])
 
 
+def difference_figure(info: DifferenceInfo) -> PanelFigure:
+    """Return the differences of magnitude and phase over frequency."""
+    return over_frequency(info.title, *error_panels(info.curves, "difference"))
+
+
 def draw_difference(info: DifferenceInfo) -> "Figure":
-    """Draw the differences of magnitude and phase over frequency."""
-    places = [curve.place for curve in info.curves if curve.place]
-    with canvas.figure_style():
-        facets = by_facet(list(zip(info.curves, places, strict=True)), places)
-        panels = facet_panels(list(facets), (9.0, 6.2), (1.0, 1.0), facet_height=5.0)
-        draw_error_parts(list(panels.facets.values()), list(facets.values()), group_styles([info.place, *places]))
-        upper, lower = panels.first
-        canvas.set_log_abscissa(lower, frequency_span(info.curves))
-        y_titles = (
-            canvas.error_axis_title(upper, "Magnitude difference", "dB"),
-            canvas.error_axis_title(lower, "Phase difference", "deg"),
-        )
-        return panels.finish(info.title, ["Frequency [Hz]"], y_titles, places)
+    """Draw the differences; the first response keeps its colour for itself."""
+    figure = difference_figure(info)
+    return draw_panels(figure, group_styles([info.place, *figure.places]))

@@ -1,7 +1,6 @@
 """Levels of a response and of its disturbances: noise, and stochastic nonlinear distortions."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,8 +9,9 @@ from numpy.typing import NDArray
 from fraexp.data.results import PARITIES, FrequencyResponse, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
-from fraexp.figures.elements.frequency_lines import GroupedLine, draw_rows, frequency_span
+from fraexp.figures.elements.frequency_lines import GroupedLine
 from fraexp.figures.elements.grouping import CurvePlace, ShownResult
+from fraexp.figures.elements.panel_figure import Panel, PanelFigure, draw_panels, over_frequency
 from fraexp.figures.elements.scales import decibel, readable_unit
 
 if TYPE_CHECKING:
@@ -29,19 +29,8 @@ QUANTITIES = (
 """Quantities that are drawn: |Ĝ|, and standard deviations √E|dG|²; those of odd and even distortions have its noise."""
 
 
-@dataclass(frozen=True)
-class LevelsInfo:
-    """Contents of a figure of levels."""
-
-    lines: tuple[GroupedLine, ...]
-    """The known ones of `QUANTITIES` [dB] over frequency [Hz]; each response is a facet."""
-    unit: str
-    """Unit that is 0 dB, such as ``mm/N``."""
-    title: str
-
-
-def levels_info(shown: Sequence[ShownResult], title: str = "") -> LevelsInfo:
-    """Return the levels of the responses whose noise or nonlinear distortion is known; FraexpError if there is none."""
+def levels_info(shown: Sequence[ShownResult], title: str = "") -> PanelFigure:
+    """Return the known ones of `QUANTITIES` [dB], each response as a facet; FraexpError if no response has one."""
     known = [of for of in shown if of.response is not None and _has_levels(of.response)]
     if not known:
         raise FraexpError(
@@ -59,7 +48,8 @@ def levels_info(shown: Sequence[ShownResult], title: str = "") -> LevelsInfo:
     labels = [of.label for of in known]
     names = [of if labels.count(of) == 1 else f"{of} ({number})" for number, of in enumerate(labels, start=1)]
     lines = [line for name, of in zip(names, known, strict=True) for line in _level_lines(name, of.result, factor)]
-    return LevelsInfo(tuple(lines), unit, title or "Levels of noise and distortion")
+    panel = Panel(f"Level [dB re 1 {unit}]", "dB", tuple(lines), height=3.4)
+    return over_frequency(title or "Levels of noise and distortion", panel)
 
 
 def _has_levels(response: FrequencyResponse) -> bool:
@@ -93,12 +83,9 @@ def _standard_deviation(variance: NDArray[np.float64] | None) -> NDArray[np.floa
     return None if variance is None else np.sqrt(np.maximum(variance, 0))
 
 
-def draw_levels(info: LevelsInfo) -> "Figure":
-    """Draw a panel for each response; all share their axes."""
-    with canvas.figure_style():
-        styles = canvas.line_styles(len(QUANTITIES) - 1)
-        by_name = dict(zip(QUANTITIES, (*styles[:4], *styles[3:]), strict=True))  # nonlinear, or odd and even
-        panels = draw_rows([info.lines], (8.0, 5.2), facet_height=3.4, styles=by_name)
-        canvas.set_log_abscissa(panels.first[0], frequency_span(info.lines))
-        places = [line.place for line in info.lines]
-        return panels.finish(info.title, ["Frequency [Hz]"], [f"Level [dB re 1 {info.unit}]"], places)
+def draw_levels(info: PanelFigure) -> "Figure":
+    """Draw a panel for each response, in which each quantity has the same style."""
+    styles = canvas.line_styles(len(QUANTITIES) - 1)
+    return draw_panels(
+        info, dict(zip(QUANTITIES, (*styles[:4], *styles[3:]), strict=True))
+    )  # nonlinear, or odd and even

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
-from fraexp.figures.elements.facets import FACET_WIDTH
-from fraexp.figures.elements.frequency_lines import GroupedLine, draw_line, draw_rows
+from fraexp.figures.elements.facets import FACET_WIDTH, by_facet, facet_panels, group_styles
+from fraexp.figures.elements.frequency_lines import GroupedLine, draw_grouped_lines, draw_line
 from fraexp.figures.elements.grouping import OWN_PLACE, CurvePlace, ShownResult, curve_places
 from fraexp.figures.elements.scales import readable_unit
 from fraexp.figures.kinds.bode import Reference
@@ -99,11 +99,14 @@ def draw_nyquist(info: NyquistInfo) -> "Figure":
     """Draw a Nyquist plot with equal axes and frequency marks on the largest curve."""
     with canvas.figure_style():
         shown = [*info.curves, *([info.reference] if info.reference else [])]
-        panels = draw_rows([info.curves], (7.2, 6.4), facet_height=_facet_height(shown))
-        for name, (axes,) in panels.facets.items():
-            _draw_marks(axes, [curve for curve in info.curves if curve.place.facet == name], info.reference)
+        places = [curve.place for curve in info.curves]
+        facets, styles = by_facet(info.curves, places), group_styles(places)
+        panels = facet_panels(list(facets), (7.2, 6.4), facet_height=_facet_height(shown))
+        for (axes,), curves in zip(panels.facets.values(), facets.values(), strict=True):
+            draw_grouped_lines(axes, curves, styles)
+            _draw_marks(axes, curves, info.reference)
         x_titles, y_titles = [f"Real part [{info.unit}]"], [f"Imaginary part [{info.unit}]"]
-        return panels.finish(info.title, x_titles, y_titles, [curve.place for curve in info.curves])
+        return panels.finish(info.title, x_titles, y_titles, places)
 
 
 def _facet_height(curves: Sequence[NyquistCurve]) -> float:

@@ -5,29 +5,23 @@ its band.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
-from fraexp.figures.elements import canvas
-from fraexp.figures.elements.facets import group_styles
-from fraexp.figures.elements.frequency_lines import LIMIT_COLUMNS, GroupedLine, add_band_legend, curve_limits, draw_rows
+from fraexp.figures.elements.frequency_lines import LIMIT_COLUMNS, GroupedLine, curve_limits
 from fraexp.figures.elements.grouping import CurvePlace
-from fraexp.figures.elements.labels import drawable
+from fraexp.figures.elements.panel_figure import Panel, PanelFamily, PanelFigure
 from fraexp.figures.elements.scales import (
     DISPLACEMENT_UNITS,
     FORCE_NAMES,
     displacement_unit,
     readable_unit,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 MODEL_COLUMN = "model"
 LOG_AXIS_RATIO = 10.0
@@ -51,40 +45,7 @@ class ShownUnit(NamedTuple):
     """Name of the stored unit."""
 
 
-@dataclass(frozen=True)
-class CurvePanel:
-    """A panel with one ordinate."""
-
-    ordinate: str
-    """Its name and unit."""
-    unit: str
-    log_unit: str
-    """Unit of the logarithmic axis that the panels of a family share; empty for a linear axis."""
-    traces: tuple[GroupedLine, ...]
-
-
-@dataclass(frozen=True)
-class CurveFamily:
-    """Curves with the same name, or with the same columns: a panel for each ordinate."""
-
-    name: str
-    """Name of its curves; empty if they have different names, which the legend shows."""
-    abscissa: str
-    """Name and unit of the common abscissa."""
-    log_range: tuple[float, float] | None
-    """Least and greatest value of a logarithmic abscissa; None if it is linear."""
-    panels: tuple[CurvePanel, ...]
-
-
-@dataclass(frozen=True)
-class CurvesInfo:
-    """Contents of a figure of curves."""
-
-    families: tuple[CurveFamily, ...]
-    title: str
-
-
-def curves_info(curves: Sequence[tuple[str, Curve]], title: str = "", places: Sequence[CurvePlace] = ()) -> CurvesInfo:
+def curves_info(curves: Sequence[tuple[str, Curve]], title: str = "", places: Sequence[CurvePlace] = ()) -> PanelFigure:
     """Return the families of labelled curves, by their names and columns; FraexpError if there is no curve.
 
     Curves of a family with the same point in their `places` are a sample; without places each has its own.
@@ -102,7 +63,7 @@ def curves_info(curves: Sequence[tuple[str, Curve]], title: str = "", places: Se
         raise FraexpError("curves figure: there is no curve to draw; choose sweeps that have one")
     has_labels = len({label for label, _ in curves}) > 1
     families = tuple(_curve_family(alike, has_labels) for alike in found)
-    return CurvesInfo(families, title or (families[0].name if len(families) == 1 else "") or "Curves")
+    return PanelFigure(families, title or (families[0].name if len(families) == 1 else "") or "Curves")
 
 
 def _share_panels(one: Curve, other: Curve) -> bool:
@@ -113,7 +74,7 @@ def _share_panels(one: Curve, other: Curve) -> bool:
     return same and abscissa and all(one.units[name] == other.units[name] for name in shared)
 
 
-def _curve_family(alike: Sequence[LabelledCurve], has_labels: bool) -> CurveFamily:
+def _curve_family(alike: Sequence[LabelledCurve], has_labels: bool) -> PanelFamily:
     names = list(dict.fromkeys(curve.name for _, curve, _ in alike))
     if len(names) > 1:
         alike = [
@@ -136,11 +97,12 @@ def _curve_family(alike: Sequence[LabelledCurve], has_labels: bool) -> CurveFami
     is_logarithmic = is_spectral or all(_is_geometric(curve.columns[abscissa]) for _, curve, _ in alike)
     whole = [_curve_panel(alike, abscissa, name, units, name == others[0]) for name in ordinates]
     panels = [part for panel in whole for part in _split_branches(panel)]
-    return CurveFamily(
-        _capitalised(_force_name(names[0], units[others[0]].stored)) if len(names) == 1 else "",
+    return PanelFamily(
         _axis_title(abscissa, units),
-        (float(x.min()), float(x.max())) if is_logarithmic else None,
         tuple(_with_log_axes(panels) if is_spectral else panels),
+        _capitalised(_force_name(names[0], units[others[0]].stored)) if len(names) == 1 else "",
+        is_logarithmic,
+        (float(x.min()), float(x.max())) if is_logarithmic else None,
     )
 
 
@@ -176,22 +138,22 @@ def _largest_value(alike: Sequence[LabelledCurve], columns: Sequence[str], unit:
 
 def _curve_panel(
     alike: Sequence[LabelledCurve], abscissa: str, ordinate: str, units: Mapping[str, ShownUnit], first: bool
-) -> CurvePanel:
+) -> Panel:
     having = [(label, curve, place) for label, curve, place in alike if ordinate in curve.columns]
     shown = {name: units[name] for name in (abscissa, ordinate)}
     traces = tuple(_curve_trace(label, curve, place, shown, first) for label, curve, place in having)
-    return CurvePanel(_axis_title(ordinate, units), units[ordinate].stored, "", traces)
+    return Panel(_axis_title(ordinate, units), units[ordinate].name, traces)
 
 
-def _split_branches(panel: CurvePanel) -> list[CurvePanel]:
+def _split_branches(panel: Panel) -> list[Panel]:
     """Return a panel as two, for positive and negative values, if the gap between these hides how each one rises."""
-    known = np.concatenate([trace.y[np.isfinite(trace.y)] for trace in panel.traces])
+    known = np.concatenate([trace.y[np.isfinite(trace.y)] for trace in panel.lines])
     above, below = known[known > 0], known[known < 0]
     if not above.size or not below.size or above.size + below.size < known.size:
         return [panel]
     if above.min() - below.max() < MIN_BRANCH_GAP * max(np.ptp(above), np.ptp(below)):
         return [panel]
-    return [replace(panel, traces=tuple(_branch(trace, sign) for trace in panel.traces)) for sign in (1.0, -1.0)]
+    return [replace(panel, lines=tuple(_branch(trace, sign) for trace in panel.lines)) for sign in (1.0, -1.0)]
 
 
 def _branch(trace: GroupedLine, sign: float) -> GroupedLine:
@@ -203,22 +165,22 @@ def _branch(trace: GroupedLine, sign: float) -> GroupedLine:
     return replace(trace, y=y, settled=np.isfinite(y), model=model, band=band)
 
 
-def _with_log_axes(panels: Sequence[CurvePanel]) -> list[CurvePanel]:
+def _with_log_axes(panels: Sequence[Panel]) -> list[Panel]:
     """Return panels over frequency; amplitudes in one unit share a logarithmic axis if they span a decade."""
     sizes = {panel.ordinate: _positive_values(panel) for panel in panels}
     found = []
     for panel in panels:
         alike = [sizes[of.ordinate] for of in panels if of.unit == panel.unit and sizes[of.ordinate].size]
         wide = sizes[panel.ordinate].size and np.ptp(np.log(np.concatenate(alike))) >= np.log(LOG_AXIS_RATIO)
-        found.append(replace(panel, log_unit=panel.unit) if wide else panel)
+        found.append(replace(panel, is_log=bool(wide)))
     return found
 
 
-def _positive_values(panel: CurvePanel) -> NDArray[np.float64]:
+def _positive_values(panel: Panel) -> NDArray[np.float64]:
     """Return the values of a panel if they are amplitudes, all above 0; otherwise none."""
-    known = np.concatenate([trace.y[np.isfinite(trace.y)] for trace in panel.traces])
-    limited = any(trace.band is not None for trace in panel.traces)
-    sizes = panel.unit not in ANGLE_UNITS and not limited and bool((known > 0).all())
+    known = np.concatenate([trace.y[np.isfinite(trace.y)] for trace in panel.lines])
+    limited = any(trace.band is not None for trace in panel.lines)
+    sizes = panel.unit.lstrip("mµn") not in ANGLE_UNITS and not limited and bool((known > 0).all())
     return known if sizes else np.empty(0)
 
 
@@ -250,51 +212,3 @@ def _force_name(name: str, unit: str) -> str:
 
 def _capitalised(name: str) -> str:
     return name[:1].upper() + name[1:]
-
-
-def draw_curves(info: CurvesInfo) -> "Figure":
-    """Draw a panel for each ordinate over the abscissa of its family; families follow below each other."""
-    rows = [panel.traces for family in info.families for panel in family.panels]
-    traces = [trace for row in rows for trace in row]
-    places = [trace.place for trace in traces]
-    height = 2.4 * len(rows) + 0.4 * len(info.families)
-    below, beside = _shared_axes(info.families)
-    firsts = list(dict.fromkeys(below))
-    with canvas.figure_style():
-        size, styles = (9.0, 1.8 + height), group_styles(places, is_ordered=all(of.name for of in info.families))
-        panels = draw_rows(rows, size, facet_height=height, styles=styles, below=below, beside=beside)
-        for axes in panels.facets.values():
-            for family, first in zip(info.families, firsts, strict=True):
-                _set_axes(axes[first : first + len(family.panels)], family)
-        if any(trace.band is not None for trace in traces):
-            add_band_legend(panels.first[0])
-        y_titles = [drawable(of.ordinate) for family in info.families for of in family.panels]
-        figure = panels.finish(info.title, [], y_titles, places, above=True)
-        for family, first in zip(info.families, firsts, strict=True):
-            if family.name and family.name != info.title and len(panels.facets) == 1:
-                panels.first[first].set_title(drawable(family.name), loc="left", fontsize=11)
-    return figure
-
-
-def _shared_axes(families: Sequence[CurveFamily]) -> tuple[list[int], list[int]]:
-    """Return, for each panel, the index of that whose abscissa it shares, and whose ordinate."""
-    below: list[int] = []
-    beside: list[int] = []
-    for family in families:
-        first, units = len(below), [panel.log_unit for panel in family.panels]
-        below += [first] * len(units)
-        beside += [first + (units.index(unit) if unit else at) for at, unit in enumerate(units)]
-    return below, beside
-
-
-def _set_axes(axes: Sequence["Axes"], family: CurveFamily) -> None:
-    """Set scales and the title below of a family's panels."""
-    for of, panel in zip(axes, family.panels, strict=True):
-        of.tick_params(labelbottom=of is axes[-1])
-        if panel.log_unit:
-            of.set_yscale("log")
-    for of in (of for of, panel in zip(axes, family.panels, strict=True) if panel.log_unit):
-        canvas.set_decade_ticks(of)
-    if family.log_range:
-        canvas.set_log_abscissa(axes[-1], family.log_range)
-    axes[-1].set_xlabel(drawable(family.abscissa))

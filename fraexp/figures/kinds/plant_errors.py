@@ -13,30 +13,24 @@ from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
 from fraexp.figures.elements.bands import MAX_SINGLE_CURVES
 from fraexp.figures.elements.canvas import LineStyle
-from fraexp.figures.elements.facets import by_facet
-from fraexp.figures.elements.frequency_lines import (
-    GroupedLine,
-    PhasedCurve,
-    draw_grouped_lines,
-    frequency_span,
-    with_gaps,
-)
-from fraexp.figures.elements.grouping import CurvePlace, ShownResult, facet_indices
+from fraexp.figures.elements.frequency_lines import GroupedLine, PhasedCurve, frequency_span, with_gaps
+from fraexp.figures.elements.grouping import OWN_PLACE, CurvePlace, ShownResult, facet_indices
 from fraexp.figures.elements.labels import MAX_GROUPS, drawable
+from fraexp.figures.elements.panel_figure import Panel, draw_panel
 from fraexp.figures.elements.scales import decibel, decibel_limits, degree_limits, degrees, readable_unit
 from fraexp.figures.elements.table_panel import FigureTable
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 TABLE_FREQUENCIES_HZ = (1.0, 5.0, 12.0, 20.0, 39.0, 80.0, 150.0)
 """Default frequencies of the table."""
 FREQUENCY_FACTOR = 1.05
 """Factor within which the table uses the nearest settled frequency, with P(jω) there."""
-LINEAR_RANGES = {"magnitude": 0.1, "phase": 1.0}
-"""Error [dB, deg] up to which an axis is linear if much larger errors must be shown as well."""
-ERROR_BAND_OPACITY = 0.13
+PARTS = {"magnitude": ("dB", 0.1), "phase": ("deg", 1.0)}
+"""Unit of each part of an error, and size up to which its axis is linear if far greater ones must be shown as well."""
+FAR_ERROR_RATIO = 20.0
+"""Ratio of the greatest error to the linear range above which an axis is logarithmic."""
 
 
 @dataclass(frozen=True)
@@ -144,14 +138,14 @@ def draw_errors(info: ErrorsInfo) -> "Figure":
         figure = canvas.new_figure(width, height=6.4 + table.height)
         parts: Any = figure.subfigures(2, 1, height_ratios=(6.4, table.height))
         panels = parts[0].subplots(2, len(facets), squeeze=False, sharex=True, sharey="row")
-        members = by_facet(list(zip(info.curves, places, strict=True)), places)
-        draw_error_parts(list(panels.T), list(members.values()), styles)
+        for row, panel in zip(panels, error_panels(info.curves, "error", places), strict=True):
+            row[0].set_ylabel(panel.title)
+            for axes, indices in zip(row, facets.values(), strict=True):
+                draw_panel(axes, panel, [panel.lines[index] for index in indices], styles)
         for name, (upper, lower) in zip(facets, panels.T, strict=True):
             upper.set_title(drawable(name), fontsize=11, loc="left")
             lower.set_xlabel("Frequency [Hz]")
         parts[0].suptitle(canvas.wrapped_title(figure, info.title), fontsize=12.5)
-        panels[0, 0].set_ylabel(canvas.error_axis_title(panels[0, 0], "Magnitude error", "dB"))
-        panels[1, 0].set_ylabel(canvas.error_axis_title(panels[1, 0], "Phase error", "deg"))
         canvas.set_log_abscissa(panels[1, 0], frequency_span(info.curves))
         canvas.draw_grid(*panels.flat)
         parts[0].align_ylabels(panels[:, 0])
@@ -178,26 +172,27 @@ def _error_styles(places: Sequence[CurvePlace], is_numbered: bool) -> dict[str, 
     return {name: styles[index % size] for index, name in enumerate(names)}
 
 
-def draw_error_parts(
-    facets: Sequence[Sequence["Axes"]],
-    curves: Sequence[Sequence[tuple[ErrorCurve, CurvePlace]]],
-    styles: Mapping[str, LineStyle],
-) -> None:
-    """Draw magnitude above phase of the errors in each facet; far beyond its linear range an axis is logarithmic."""
-    for index, (part, linear_range) in enumerate(LINEAR_RANGES.items()):
-        values = [with_gaps(getattr(of, part), of.settled) for facet in curves for of, _ in facet]
-        known = np.abs(np.concatenate(values))
-        if np.nanmax(known, initial=0.0) > 20 * linear_range:
-            canvas.set_error_axis(facets[0][index], linear_range)
-        for axes, facet in zip(facets, curves, strict=True):
-            lines = [_line(curve, place, part) for curve, place in facet]
-            axes[index].axhline(0, color="0.1", linewidth=1.0, zorder=2)
-            draw_grouped_lines(axes[index], lines, styles, ERROR_BAND_OPACITY)
+def error_panels(
+    curves: Sequence[ErrorCurve], noun: str = "error", places: Sequence[CurvePlace | None] = ()
+) -> list[Panel]:
+    """Return magnitude and phase of errors; far beyond its linear range an axis is logarithmic.
+
+    The curves are at `places`, by default at their own.
+    """
+    chosen = [of or OWN_PLACE for of in places or [curve.place for curve in curves]]
+    panels = []
+    for part, (unit, linear_range) in PARTS.items():
+        lines = tuple(_line(curve, place, part) for curve, place in zip(curves, chosen, strict=True))
+        greatest = max(np.nanmax(np.abs(with_gaps(line.y, line.usable)), initial=0.0) for line in lines)
+        fine = linear_range if greatest > FAR_ERROR_RATIO * linear_range else None
+        panels.append(Panel(f"{part.title()} {noun} [{unit}]", unit, lines, linear_range=fine, marks=(0.0,)))
+    return panels
 
 
 def _line(curve: ErrorCurve, place: CurvePlace, part: str) -> GroupedLine:
     band = getattr(curve, f"{part}_band")
-    return GroupedLine(curve.label, place, curve.frequency, getattr(curve, part), curve.settled, band)
+    known = None if np.isnan(band).all() else band
+    return GroupedLine(curve.label, place, curve.frequency, getattr(curve, part), curve.settled, known)
 
 
 def _table_cells(info: ErrorsInfo, panels: Mapping[str, Sequence[int]]) -> tuple[list[str], list[list[str]]]:

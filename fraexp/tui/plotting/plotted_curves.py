@@ -7,10 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.data.results import EXTREMUM_CURVES, Curve
+from fraexp.data.results import EXTREMUM_CURVES
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.bands import Bundle
+from fraexp.figures.elements.frequency_lines import GroupedLine
 from fraexp.figures.elements.grouping import CurvePlace, ShownResult, point_indices
+from fraexp.figures.elements.panel_figure import PanelFigure, over_frequency
 
 REFERENCE = -1
 """Index of the reference, in place of the index of a sweep."""
@@ -174,33 +176,20 @@ def with_curves(picture: Picture, curve_of: Mapping[int, int]) -> Picture:
 
 def difference_picture(shown: Sequence[ShownResult], first: int) -> Picture:
     """Return the differences of responses from the sweep at place `first`; with `REFERENCE`, from the plant."""
-    from fraexp.figures.kinds.difference import difference_info
-    from fraexp.figures.kinds.plant_errors import errors_info
+    from fraexp.figures.kinds.difference import difference_figure, difference_info
+    from fraexp.figures.kinds.plant_errors import error_panels, errors_info
 
-    of, found = _responses(shown)
-    places = {one.key: index for index, one in zip(of, found, strict=True)}
+    found = _numbered(shown)
     if first == REFERENCE:
         errors = errors_info(found)
-        missing = [one.label for one in found if one.truth is None]
-        kind, title, curves, name = "errors", errors.title, errors.curves, "P(jω)"
+        missing = [one.label for one in found if one.truth is None and one.response is not None]
+        kind, figure, name = "errors", over_frequency(errors.title, *error_panels(errors.curves)), "P(jω)"
     else:
-        order = sorted(found, key=lambda one: places[one.key] != first)
-        info = difference_info(order)
+        info = difference_info([found[first], *found[:first], *found[first + 1 :]])
         missing = list(info.left_out)
-        kind, title, curves, name = "difference", info.title, info.curves, info.reference
-
-    def traces(part: str) -> tuple[PlotTrace, ...]:
-        return tuple(
-            _line_trace(places[curve.key], curve.frequency, getattr(curve, part), curve.settled,
-                  getattr(curve, f"{part}_band"))
-            for curve in curves
-        )  # fmt: skip
-
+        kind, figure, name = "difference", difference_figure(info), info.reference
     note = f"left out, no common frequencies with {name}: {', '.join(missing)}" if missing else ""
-    return Picture(kind, title, (
-        PlotPanel("Magnitude [dB]", "dB", "Hz", traces("magnitude"), spectral=True, marks=(0.0,)),
-        PlotPanel("Phase [deg]", "deg", "Hz", traces("phase"), spectral=True, marks=(0.0,)),
-    ), note=note)  # fmt: skip
+    return _panel_picture(kind, figure, note)
 
 
 def nyquist_picture(shown: Sequence[ShownResult], reference: Reference | None) -> Picture:
@@ -221,25 +210,14 @@ def nyquist_picture(shown: Sequence[ShownResult], reference: Reference | None) -
 
 def coherence_picture(shown: Sequence[ShownResult]) -> Picture:
     """Return coherence and distortion of responses."""
-    from fraexp.figures.kinds.coherence import AXIS_TITLES, coherence_info
+    from fraexp.figures.kinds.coherence import coherence_info
 
-    of, found = _responses(shown)
-    places = {one.key: index for index, one in zip(of, found, strict=True)}
+    found = _numbered(shown)
     info = coherence_info(found)
-    panels = []
-    for part, lines in info.rows.items():
-        decades = part == "distortion" and info.is_logarithmic
-        traces = tuple(
-            _line_trace(places[line.key], line.x, _logarithm(line.y) if decades else line.y, line.settled)
-            for line in lines
-        )
-        span = (0.0, 1.05) if part == "coherence" else None
-        unit = "%" if part == "distortion" else ""
-        panels.append(PlotPanel(AXIS_TITLES[part], unit, "Hz", traces, spectral=True, decades=decades, span=span))
-    telling = {line.key for lines in info.rows.values() for line in lines}
-    missing = [one.label for one in found if one.key not in telling]
+    telling = {place.point for place in info.places}
+    missing = [one.label for index, one in enumerate(found) if one.response and str(index) not in telling]
     note = f"no coherence or distortion known: {', '.join(missing)}" if missing else ""
-    return Picture("coherence", info.title, tuple(panels), note=note)
+    return _panel_picture("coherence", info, note)
 
 
 def curve_kinds(shown: ShownResult) -> list[str]:
@@ -256,69 +234,66 @@ def curve_kinds(shown: ShownResult) -> list[str]:
 
 def curves_picture(shown: Sequence[ShownResult], kind: str) -> Picture:
     """Return the curves of a kind (see `curve_kinds`) of results."""
-    curves = [(str(index), curve) for index, one in enumerate(shown) for curve in one.result.curves]
-    found = [(label, curve) for label, curve in curves if curve.name not in EXTREMUM_CURVES]  # marks, of a Bode plot
+    from fraexp.figures.kinds.hysteresis_loops import hysteresis_info, is_hysteresis
+    from fraexp.figures.kinds.other_curves import curves_info
+    from fraexp.figures.kinds.positioning_moves import is_positioning, positioning_info
+
+    described = {"positioning": positioning_info, "hysteresis": hysteresis_info}.get(kind, curves_info)
+    belongs = {"positioning": is_positioning, "hysteresis": is_hysteresis}.get(kind, lambda _: True)
+    found = [
+        (one.label, curve, _place(index))
+        for index, one in enumerate(shown)
+        for curve in one.result.curves
+        if curve.name not in EXTREMUM_CURVES and belongs(curve)  # extrema are marks of a Bode plot
+    ]
     if not found:
         raise FraexpError("curves: these sweeps have no curves")
-    match kind:
-        case "positioning":
-            return _positioning_picture(found)
-        case "hysteresis":
-            return _hysteresis_picture(found)
-    return _other_picture(found)
+    curves, places = [(label, curve) for label, curve, _ in found], [place for *_, place in found]
+    return _panel_picture(kind, described(curves, places=places))
 
 
-def _hysteresis_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
-    from fraexp.figures.kinds.hysteresis_loops import hysteresis_info, is_hysteresis
-
-    info = hysteresis_info([(label, curve) for label, curve in found if is_hysteresis(curve)])
-    panels = tuple(
-        PlotPanel(f"{panel.title} {info.force_title} over displacement [{panel.unit}]".strip(), info.force_unit,
-            panel.unit, tuple(
-            _loop_trace(int(loop.name), loop.x, loop.y, loop.band) for loop in panel.loops
-        ), axis, marks=(0.0,))
-        for axis, panel in enumerate(info.panels)
-    )  # fmt: skip
-    return Picture("hysteresis", info.title, panels, "% of the loop", upright=False)
+def _numbered(shown: Sequence[ShownResult]) -> list[ShownResult]:
+    """Return results whose lines are known by their number, wherever a figure would place them."""
+    return [replace(one, place=_place(index)) for index, one in enumerate(shown)]
 
 
-def _positioning_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
-    from fraexp.figures.kinds.positioning_moves import positioning_info
-
-    info = positioning_info(found, places=[CurvePlace(point=label) for label, _ in found])
-    marks = tuple(sign * band for band in info.bands for sign in (-1, 1))
-    span = (-info.height, info.height)
-    panels = [PlotPanel(f"Position less target [{info.unit}]", info.unit, "ms", tuple(
-        _line_trace(int(line.place.point), line.x, line.y, spectral=False) for line in info.deviations
-    ), marks=marks, span=span)]  # fmt: skip
-    if info.thrust_unit:
-        panels.append(PlotPanel(f"Thrust [{info.thrust_unit}]", info.thrust_unit, "ms", tuple(
-            _line_trace(int(line.place.point), line.x, line.y, spectral=False) for line in info.thrusts
-        )))  # fmt: skip
-    return Picture("positioning", info.title, tuple(panels), "ms")
+def _place(index: int) -> CurvePlace:
+    return CurvePlace(group=str(index), point=str(index))
 
 
-def _other_picture(found: Sequence[tuple[str, Curve]]) -> Picture:
-    from fraexp.figures.kinds.other_curves import curves_info
+def _panel_picture(kind: str, figure: PanelFigure, note: str = "") -> Picture:
+    """Return what a figure shows of results that are known by their number."""
+    panels = [
+        PlotPanel(
+            f"{panel.ordinate} over {family.abscissa}",
+            panel.unit,
+            family.unit,
+            tuple(
+                trace for line in panel.lines for trace in _traces(line, figure.is_loop, family.is_log, panel.is_log)
+            ),
+            axis,
+            family.is_log,
+            panel.is_log,
+            marks=panel.marks,
+            span=panel.span,
+        )
+        for axis, family in enumerate(figure.families)
+        for panel in family.panels
+    ]
+    along = "% of the loop" if figure.is_loop else panels[0].abscissa
+    cursor = along if figure.is_loop or len({panel.abscissa for panel in panels}) == 1 else "of x"
+    return Picture(kind, figure.title, tuple(panels), cursor, upright=not figure.is_loop, note=note)
 
-    info = curves_info(found)
-    panels = []
-    for axis, family in enumerate(info.families):
-        spectral = family.log_range is not None
-        unit = family.abscissa.rpartition("[")[2].rstrip("]")
-        for panel in family.panels:
-            scale: Callable[[NDArray[np.float64]], NDArray[np.float64]] = _logarithm if panel.log_unit else np.asarray
-            lines = []
-            for trace in panel.traces:
-                of = int(trace.place.group.partition(",")[0])
-                band = None if trace.band is None else scale(trace.band)
-                lines.append(_line_trace(of, trace.x, scale(trace.y), band=band, spectral=spectral))
-                if trace.model is not None:
-                    lines.append(_line_trace(of, trace.x, scale(trace.model), model=True, spectral=spectral))
-            title = f"{panel.ordinate} over {family.abscissa}"
-            panels.append(PlotPanel(title, panel.unit, unit, tuple(lines), axis, spectral, bool(panel.log_unit)))
-    cursor = panels[0].abscissa if len({panel.abscissa for panel in panels}) == 1 else "of x"
-    return Picture("curves", info.title, tuple(panels), cursor)
+
+def _traces(line: GroupedLine, is_loop: bool, spectral: bool, decades: bool) -> list[PlotTrace]:
+    """Return a line, and its model if it has one; the cursor moves along a loop."""
+    scale: Callable[[NDArray[np.float64]], NDArray[np.float64]] = _logarithm if decades else np.asarray
+    of, band = int(line.place.point.partition(",")[0]), None if line.band is None else scale(line.band)
+    trace = _line_trace(of, line.x, scale(line.y), line.usable, band, spectral=spectral)
+    if is_loop:
+        return [replace(trace, settled=trace.settled & np.isfinite(line.x), at=np.linspace(0.0, 100.0, len(line.x)))]
+    models = [] if line.model is None else [scale(line.model)]
+    return [trace, *(_line_trace(of, line.x, model, model=True, spectral=spectral) for model in models)]
 
 
 def _responses(shown: Sequence[ShownResult]) -> tuple[list[int], list[ShownResult]]:
@@ -342,12 +317,6 @@ def _line_trace(
     trusted = known if settled is None else settled & known
     limits = None if band is None or np.isnan(band).all() else band
     return PlotTrace(of, _logarithm(at) if spectral else at, y, trusted, at, limits, model)
-
-
-def _loop_trace(of: int, x: NDArray[np.float64], y: NDArray[np.float64], band: NDArray[np.float64] | None) -> PlotTrace:
-    """Return a loop, along which the cursor moves."""
-    at = np.linspace(0.0, 100.0, len(x))
-    return PlotTrace(of, x, y, np.isfinite(x) & np.isfinite(y), at, band)
 
 
 def _logarithm(values: NDArray[np.float64]) -> NDArray[np.float64]:
