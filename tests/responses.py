@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from fraexp.components.kinds import Estimator
 from fraexp.data.results import FrequencyResponse, Result
 from fraexp.data.signals import Signals
-from fraexp.execution.verdict import judge_band
+from fraexp.execution.verdict import judge
 from fraexp.study.accuracy import Accuracy
 
 
@@ -33,4 +33,4 @@ def frequency_response(frequency: ArrayLike, response: ArrayLike, **known: Any) 
 
 def judged(estimator: Estimator, signals: Signals) -> Result:
     """Return what a sweep has of an estimator, if its study asks for no accuracy of its own."""
-    return judge_band(estimator.estimate(signals), Accuracy(), estimator)
+    return judge(estimator.estimate(signals), Accuracy(), estimator)

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 from fraexp.analysis.fourier import PeriodicSpectrum, harmonic_phasors, mean_spectrum, response_covariance
 from fraexp.analysis.quantisation import line_variance
 from fraexp.analysis.steady_motion import find_steady_motion
+from fraexp.analysis.tolerances import ROUNDING, SIGNIFICANCE
 from fraexp.data.findings import Finding, at_worst
 from fraexp.data.frequency_text import frequency_text
 from fraexp.data.results import HARMONICS, FrequencyResponse, Outcome, Result
@@ -20,52 +20,27 @@ MIN_PERIODS = 3
 """Periods from which a decay is told from noise."""
 DECAYS = (0.0, 0.2, 0.4, 0.6, 0.75, 0.9)
 """Ratios of a transient in successive periods that are tried, from the first period alone to nearly a ramp."""
-FALSE_ALARM_PROBABILITY = 1e-3
-"""Probability with which noise alone looks like a transient somewhere in a record."""
 LIKELY_PROBABILITY = 0.1
 """Probability of a decay by noise alone below which a line had not settled, if the record shows that some had not."""
-MAX_ERROR = 0.01
-"""Relative error of a mean over the periods from which a record is not ok."""
-
-
-class Transient(NamedTuple):
-    """What a transient does to the mean over the periods of a record."""
-
-    error: NDArray[np.float64]
-    """Error of the mean relative to the last period, shape (n,); 0 where no transient is seen."""
-    frequency: NDArray[np.float64]
-    """Frequency [Hz], shape (n,)."""
-
-    @property
-    def is_large(self) -> NDArray[np.bool_]:
-        """Where the response is not ok, shape (n,)."""
-        return self.error > MAX_ERROR
-
-    @property
-    def finding(self) -> Finding | None:
-        """Where the record had not settled, and how much it matters; None if nowhere."""
-        if not self.is_large.any():
-            return None
-        return at_worst("still settling", self.frequency, self.is_large, self.error, "mean over the periods off by")
 
 
 def find_transient(
     segments: Sequence[Segment],
-    frequency: NDArray[np.float64],
     inputs: Sequence[NDArray[np.complex128]],
     outputs: Sequence[NDArray[np.complex128]],
-) -> Transient:
-    """Return the transient in the ratio of output to input, whose phasors have the shape (periods, lines) each.
+) -> NDArray[np.float64]:
+    """Return the relative error of a mean over the periods by a transient, shape (n,); 0 where none is seen.
 
-    `frequency` is that of all lines [Hz], shape (n,). Segments that state whether they had settled show none.
+    The transient is that in the ratio of output to input, whose phasors have the shape (periods, lines) each. Segments
+    that state whether they had settled show none.
     """
     if not any(map(_may_settle, segments, inputs)):
-        return Transient(np.zeros(frequency.size), frequency)
+        return np.zeros(sum(segment.lines.size for segment in segments))
     parts = [_decay(*each) for each in zip(segments, inputs, outputs, strict=True)]
     chance, error = (np.concatenate([part[key] for part in parts]) for key in (0, 1))
     per_segment = np.array([min(float(part[0].min()) * part[0].size, 1.0) for part in parts])
     seen = np.full(chance.size, _is_transient(per_segment)) & (chance < LIKELY_PROBABILITY)
-    return Transient(np.where(seen, error, 0.0), frequency)
+    return np.where(seen & (error > ROUNDING), error, 0.0)
 
 
 def _may_settle(segment: Segment, inputs: NDArray[np.complex128]) -> bool:
@@ -83,7 +58,7 @@ def _is_transient(chance: NDArray[np.float64]) -> bool:
     from scipy.special import gammaincc  # slow to import: listing plugins must stay fast
 
     together = gammaincc(chance.size, -np.sum(np.log(np.maximum(chance, np.finfo(float).tiny))))
-    return min(float(chance.min()) * chance.size, float(together)) < FALSE_ALARM_PROBABILITY / 2
+    return min(float(chance.min()) * chance.size, float(together)) < SIGNIFICANCE / 2
 
 
 def _decay(
@@ -164,7 +139,11 @@ def response_result(
     freedom = np.repeat([2.0 * (len(each) - 1) for each in outputs], lines)
     frequency = np.concatenate([s.frequency for s in spectra])
     repeated = signals.segments if repeats else ()
-    transient = find_transient(repeated, frequency, inputs, outputs)
+    transient = find_transient(repeated, inputs, outputs) if repeated else np.zeros(frequency.size)
+    square, scatter = (transient * np.abs(ratio)) ** 2, np.nan_to_num(np.trace(covariance, axis1=1, axis2=2))
+    covariance, where = covariance + square[:, None, None] * (np.eye(2) / 2), square > scatter
+    moving = "mean over the periods off by"
+    settling = at_worst("still settling", frequency, where, transient, moving) if where.any() else None
     settlings = [segment.settling for segment in signals.segments]
     lacks_amplitude = np.repeat([_lacks_amplitude(segment) for segment in signals.segments], lines)
     response = FrequencyResponse(
@@ -176,7 +155,7 @@ def response_result(
         output=names[1],
         input_amplitude=np.where(lacks_amplitude, np.nan, np.abs(u)),
         output_amplitude=np.where(lacks_amplitude, np.nan, np.abs(y)),
-        settled=~(silent | transient.is_large) & np.repeat([not known or known.settled for known in settlings], lines),
+        settled=~silent & np.repeat([not known or known.settled for known in settlings], lines),
         settling_time=np.repeat([known.time if known else np.nan for known in settlings], lines),
         residual=np.repeat([known.residual if known else np.nan for known in settlings], lines),
         harmonics=_relative_harmonics(signals.segments, names[1]),
@@ -187,11 +166,10 @@ def response_result(
         return Result(Outcome.NO_MOTION, (silence(frequency, silent),), response)
     doubts = (
         silence(frequency, silent) if silent.any() else None,
-        transient.finding,
         find_steady_motion(repeated, names[1], units[1]),
     )
     found = Result(signals.outcome, (), response).with_findings(*doubts, is_doubt=True)
-    found = found.with_findings(*signals.findings)
+    found = found.with_findings(settling, *signals.findings)
     from_rest = any(known and known.time == 0 and known.settled for known in settlings)
     return found.with_findings(Finding("from rest") if from_rest and not found.findings else None)
 

@@ -219,6 +219,8 @@ class Finding:
     """What was found, where it is more than the words of the kind."""
     remedy: str = ""
     """What helps here, where that is more than the remedy of the kind."""
+    error: float = 0.0
+    """Relative error that it stands for, which no band contains: the accuracy of a study may allow it."""
 
     def __str__(self) -> str:
         """Return its words in one line."""

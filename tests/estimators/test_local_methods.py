@@ -18,6 +18,7 @@ from fraexp.errors import ParameterError, RecordError
 from tests.examples import some
 from tests.machines import FRICTIONLESS, LEAD, TABLE, excited
 from tests.refusals import refused
+from tests.responses import judged
 
 RATE = 2000.0
 METHODS = (LocalPolynomial, LocalRational)
@@ -246,9 +247,9 @@ def test_a_chirp_does_not_determine_the_response_by_local_methods() -> None:
     channels["y"] += 1e-3 * np.random.default_rng(5).normal(size=chirp.size)
     signals = Signals((Segment(1 / RATE, channels, frequency),), {"u": "N", "y": "m"})
     for method in METHODS:
-        found = method().estimate(signals)
+        found = judged(method(), signals)
         assert found.response is not None
         off = np.abs(found.response.response / truth - 1)
         assert found.outcome is Outcome.INACCURATE or off.max() < 0.1
         assert ("the record does not determine the response at" in found.message) == (found.outcome is not Outcome.OK)
-    assert LocalPolynomial().estimate(signals).outcome is Outcome.INACCURATE
+    assert judged(LocalPolynomial(), signals).outcome is Outcome.INACCURATE

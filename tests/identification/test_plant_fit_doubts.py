@@ -8,8 +8,8 @@ import pytest
 from fraexp_plugins.plants.modal import Modal
 from scipy.signal import find_peaks
 
-from fraexp.data.results import Outcome
 from fraexp.errors import RecordError
+from fraexp.study.accuracy import Accuracy
 from tests.identification.plant_responses import DEAD_TIME, FREQUENCY, PLANTS, TWO, fitted, measured, metric, values
 
 PEAK_PROMINENCE_DB = 6.0
@@ -90,10 +90,11 @@ def test_a_mode_outside_of_the_band_that_is_well_determined_is_kept():
 
 def test_a_fit_that_leaves_much_unexplained_is_not_ok():
     """One mode of two: a person sees a peak without a curve through it."""
-    result = fitted(measured(known=True), modes=1)
-    assert result.outcome is Outcome.INACCURATE
-    assert re.search(r"leaves \d\d % of the response unexplained, most at \d+\.\d+ Hz; expected 10 %", result.message)
-    assert fitted(measured(PLANTS["two modes"], noise=0.15, known=True), modes=2).outcome is Outcome.OK  # noise
+    (misfit,) = [each for each in fitted(measured(known=True), modes=1).findings if each.kind == "misfit"]
+    assert misfit.error > 0.1
+    assert misfit.quantities[0].frequency is not None
+    noisy = fitted(measured(PLANTS["two modes"], noise=0.15, known=True), modes=2)
+    assert all(each.error < Accuracy().relative_error for each in noisy.findings)
 
 
 @pytest.mark.thorough

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from fraexp.api import (
     NORMAL_QUANTILE,
-    BandReach,
     Estimator,
     FrequencyResponse,
     FrictionModel,
@@ -208,8 +207,8 @@ def with_standstill(
 ) -> Result:
     """Return a result whose band contains the relative error by standstill as a standard deviation, shape (n,).
 
-    A finding says where that alone makes the band wider than is usually asked for. `share` is the largest share of the
-    time for which the machine, or one of the contacts, stands.
+    A finding says where that is the greatest part of the band. `share` is the largest share of the time for which the
+    machine, or one of the contacts, stands.
     """
     response = found.response
     if response is None:
@@ -217,18 +216,16 @@ def with_standstill(
     error = np.where(np.isfinite(error), error, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
         unseen = (np.abs(error / response.response) ** 2 / 2)[:, None, None] * np.eye(2)
-    model = unseen if response.model_covariance is None else response.model_covariance + unseen
-    alone = replace(response, covariance=np.zeros_like(response.covariance), model_covariance=unseen)
-    whole = replace(response, model_covariance=model)
-    was_within, *are_within = (BandReach.of(each).is_within() for each in (response, alone, whole))
-    wrong = (error != 0) & (~are_within[0] | (was_within & ~are_within[1]))
-    found = replace(found, response=whole)
-    if not wrong.any():
+        model = unseen if response.model_covariance is None else response.model_covariance + unseen
+        size, others = np.abs(response.response), np.trace(model - unseen, axis1=1, axis2=2)
+        where = np.abs(error) ** 2 > np.nan_to_num(response.standard_deviation / size) ** 2 + others * size**2
+    found = replace(found, response=replace(response, model_covariance=model))
+    if not where.any():
         return found
     finding = at_worst(
         "hidden by standstill",
         response.frequency,
-        wrong,
+        where,
         error,
         "response off by up to",
         quantities=(Quantity(100 * share, "%", "standstill"),),

@@ -26,8 +26,6 @@ FREEDOM = 4
 """Degrees of freedom of that average: neighbouring lines are correlated."""
 LOCAL_EVIDENCE = 2.0
 """Average over its expectation by noise alone from which the line itself is taken to leak, if the record does."""
-MIN_RELATIVE_BIAS = 0.01
-"""Bias over the response up to which the response is accurate, and only the band is widened."""
 MAX_RELATIVE_DEVIATION = 0.3
 """Standard deviation over the response above which a line is too noisy for its leakage to be seen."""
 LOWEST_HALF_BIN = 2
@@ -123,8 +121,8 @@ def _with_bias(part: Part, bias: NDArray[np.complex128], evidence: _Evidence) ->
     relative = np.sqrt(square) / np.abs(part.response - bias)
     covariance = part.covariance + circular_covariance(square)
     inflated = replace(part, covariance=covariance)
-    affected = evidence.is_significant & (relative > MIN_RELATIVE_BIAS) & (square > total_variance(part.covariance))
+    affected = evidence.is_significant & (square > total_variance(part.covariance))
     if not affected.any():
         return inflated
     leak = at_worst("leakage", part.frequency, affected, relative, "response off by about")
-    return replace(inflated, doubts=(leak,))
+    return replace(inflated, remarks=(leak,))

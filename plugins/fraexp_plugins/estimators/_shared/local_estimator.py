@@ -13,7 +13,6 @@ from fraexp.api import (
     RecordError,
     Segment,
     Signals,
-    circle_factor,
     param,
     phasors,
     record_spectrum,
@@ -37,8 +36,6 @@ from fraexp_plugins.estimators._shared.realisations import (
 MAX_SMOOTHNESS = 0.9
 """Share of the excitation around a line that a polynomial follows, above which it is too smooth: of noise, it is the
 part of the bins that the polynomial has coefficients for."""
-MAX_UNKNOWN_SHARE = 0.05
-"""Share of lines at which the response may be unknown, as their bands show."""
 DEFAULT_EXCITATION_CHANNEL = "excitation"
 """Channel of the excitation, which every simulated loop has and a measured record may lack."""
 
@@ -83,7 +80,8 @@ class LocalEstimator(BroadbandEstimator, ABC):
         if count > 1:
             variance = sum_of_squares(outputs - ratio * inputs) / (count * (count - 1)) / size
             freedom, nonlinear = np.full_like(noise, 2.0 * (count - 1)), count * np.maximum(variance - noise, 0.0)
-        relative = circle_factor(freedom) * np.sqrt(variance) / np.abs(ratio / path)
+        is_smooth = self._has_smooth_drive(group, reference)
+        variance = np.where(is_smooth, np.nan, variance)
         return Part(
             segments=group,
             frequency=group[0].frequency,
@@ -94,17 +92,20 @@ class LocalEstimator(BroadbandEstimator, ABC):
             output_amplitude=_amplitude(group, self.output),
             noise_variance=noise,
             nonlinear_variance=nonlinear,
-            doubts=self._doubts(group, reference, relative),
+            remarks=_undetermined(group[0].frequency, is_smooth),
         )
 
-    def _doubts(self, group: Group, reference: str, relative: NDArray[np.float64]) -> tuple[Finding, ...]:
-        """Return where one record does not determine the response; empty if nowhere, or if periods repeat."""
+    def _has_smooth_drive(self, group: Group, reference: str) -> NDArray[np.bool_]:
+        """Return where a drive is as smooth over frequency as response and transient are, shape (lines,).
+
+        Such as that of a chirp it does not tell one from the other. Periods that repeat do.
+        """
         if not self._is_one_record(group[0]):
-            return ()
+            return np.zeros(group[0].lines.size, dtype=bool)
         unknowns = self.model(feedback=reference != self.input).unknowns + self.order
         windows = all_windows(group[0], self._half_width(unknowns))
         smoothness = np.min([drive_smoothness(segment, reference, windows, self.order) for segment in group], axis=0)
-        return _undetermined(group[0].frequency, relative, smoothness)
+        return np.asarray(smoothness > MAX_SMOOTHNESS)
 
     def _reference(self, signals: Signals, group: Group) -> str:
         """Return the channel to which spectra are related: the excitation, or the input if no feedback acts on it."""
@@ -153,25 +154,15 @@ def _relative_to(reference: NDArray[np.complex128], found: LocalEstimate) -> Loc
     return replace(found, output=found.output / reference, input=found.input / reference, leverage=leverage)
 
 
-def _undetermined(
-    frequency: NDArray[np.float64], relative: NDArray[np.float64], smoothness: NDArray[np.float64]
-) -> tuple[Finding, ...]:
-    """Return where the response is not determined; empty if at few lines.
-
-    There the radius of the confidence region, relative to the response, is 1 or more, or the excitation is as smooth
-    over frequency as response and transient are, such as that of a chirp, and does not tell one from the other.
-    """
-    unknown = (relative >= 1) | (smoothness > MAX_SMOOTHNESS)
-    if np.mean(unknown) <= MAX_UNKNOWN_SHARE:
+def _undetermined(frequency: NDArray[np.float64], is_smooth: NDArray[np.bool_]) -> tuple[Finding, ...]:
+    """Return where the drive does not determine the response; empty if nowhere."""
+    if not is_smooth.any():
         return ()
-    is_smooth = np.mean(smoothness[unknown] > MAX_SMOOTHNESS) > 0.5
     remedy = (
         "the excitation is as smooth over frequency as that of a chirp, which does not tell response from transient: "
         "take h1_h2_hv with a 'window' of a tenth of the record, or excite with noise or periods that repeat"
-        if is_smooth
-        else ""
     )
-    return (Finding("undetermined", (), tuple(map(float, frequency[unknown])), unknown.size, remedy=remedy),)
+    return (Finding("undetermined", (), tuple(map(float, frequency[is_smooth])), is_smooth.size, remedy=remedy),)
 
 
 def _amplitude(group: Group, channel: str) -> NDArray[np.float64]:

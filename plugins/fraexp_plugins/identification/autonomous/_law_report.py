@@ -16,7 +16,6 @@ from fraexp.api import (
     Fit,
     FrictionModel,
     Metric,
-    Outcome,
     Quantity,
     Result,
     Signals,
@@ -257,8 +256,7 @@ class LawReport:
             )
 
     def _plant_doubts(self, plant: IdentifiedPlant) -> Iterator[Finding | str]:
-        if plant.fit.outcome is not Outcome.OK:
-            yield f"a rigid body with modes does not explain the response: {plant.fit.message}"
+        yield from (each for each in plant.fit.findings if each.error)
         if plant.cost > MAX_PLANT_COST:
             yield (
                 f"a rigid body with modes leaves {np.sqrt(plant.cost):.2g} times as much of the response as its errors "

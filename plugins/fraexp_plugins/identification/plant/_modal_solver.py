@@ -285,7 +285,9 @@ class Solution:
 
     @property
     def unexplained(self) -> float:
-        """The part of the residual that known noise does not explain."""
+        """The part of the residual that noise does not explain; 0 where it may explain all of it."""
+        if not (self.has_model_error or self.exceeds_noise):
+            return 0.0
         noise = float(np.mean(np.sum(self.data.variances, axis=1)))
         return float(np.sqrt(max(self.residual**2 - noise, 0.0)))
 

@@ -15,11 +15,13 @@ from fraexp.api import (
     SIGNIFICANCE,
     Curve,
     Estimator,
+    Finding,
     Fit,
     FrequencyResponse,
     Metric,
     Outcome,
     ParameterError,
+    Quantity,
     RecordError,
     Result,
     Signals,
@@ -148,8 +150,6 @@ def _curve(name: str, rows: NDArray[np.float64], unit: str) -> Curve:
 PLANT_UNIT = "m/N"
 MAX_RESIDUAL = 0.5
 """Root mean square of ln(G_m/Ĝ) above which a fit is refused: a factor of 1.6."""
-MAX_UNEXPLAINED = 0.1
-"""Root mean square of ln(G_m/Ĝ), without what noise explains, above which a fit is not ok."""
 INTERVAL_ADVICE = (
     "the intervals are widened for the part of it that may be in the parameters, but not for a bias by friction at all "
     "frequencies; try more modes, a narrower frequency range, or a method that compensates friction"
@@ -186,8 +186,8 @@ class ModalFit(Estimator, name="modal_fit", version=8):
 
     Where the response is inaccurate outside the frequency range of the fit only, the fit is ok.
 
-    A fit that leaves more than 10 % of the response unexplained by noise is inaccurate. Where nothing else tells the
-    scatter of the response, such as one that another program measured, the residuals do.
+    A fit that leaves more of the response unexplained by noise than the accuracy of the study is inaccurate. Where
+    nothing else tells the scatter of the response, such as one that another program measured, the residuals do.
 
     The curves `resonances` and `antiresonances` list poles and complex zeros within the frequency range: frequency,
     damping ratio, and magnitude of the fitted model.
@@ -260,9 +260,10 @@ class ModalFit(Estimator, name="modal_fit", version=8):
             if found.outcome is Outcome.OK:
                 raise
             return found.with_findings(str(error))  # the signals are the cause
-        if found.outcome is Outcome.INACCURATE and self._is_exact_within_range(signals):
-            outside = [replace(each, place=f"outside the fit's range {each.place}".rstrip()) for each in found.findings]
-            found = replace(found, outcome=Outcome.OK, findings=tuple(outside))
+        own = [each for each in found.findings if each not in signals.findings]
+        if signals.outcome is Outcome.OK and not any(self._concerns_range(each) for each in own):
+            outside = [replace(each, place=f"outside the fit's range {each.place}".rstrip()) for each in own]
+            found = replace(found, outcome=Outcome.OK, findings=(*signals.findings, *outside))
         return replace(
             found,
             response=fit.response,
@@ -278,12 +279,9 @@ class ModalFit(Estimator, name="modal_fit", version=8):
         high = np.inf if self.max_frequency is None else self.max_frequency
         return np.asarray((frequency >= self.min_frequency) & (frequency <= high))
 
-    def _is_exact_within_range(self, signals: Signals) -> bool:
-        """Return whether the method finds nothing inaccurate in the segments that are fitted."""
-        inside = [segment for segment in signals.segments if np.any(self.relies_on(segment.frequency))]
-        if len(inside) == len(signals.segments):
-            return False
-        return self.method.estimate(replace(signals, segments=tuple(inside))).outcome is Outcome.OK
+    def _concerns_range(self, finding: Finding) -> bool:
+        """Return whether a finding concerns frequencies that are fitted."""
+        return not finding.frequencies or bool(self.relies_on(np.array(finding.frequencies)).any())
 
     def fit_response(self, response: FrequencyResponse) -> Result:
         """Return a response with the plant that is fitted to it; RecordError if there is none."""
@@ -293,7 +291,7 @@ class ModalFit(Estimator, name="modal_fit", version=8):
     def report(self, solution: Solution, causes: tuple[str, ...], response: FrequencyResponse) -> Result:
         """Return a response with the plant of a solution."""
         return Result(
-            Outcome.INACCURATE if solution.unexplained > MAX_UNEXPLAINED else Outcome.OK,
+            Outcome.OK,
             remarks(*causes, *_remarks(solution)),
             self._with_scatter(response, solution),
             tuple(self._metrics(solution, response.unit)),
@@ -465,14 +463,14 @@ def _error_curve(solution: Solution) -> Curve:
     return Curve("plant fit error", columns, {name: units.get(name, "1") for name in columns})
 
 
-def _remarks(solution: Solution) -> Iterator[str]:
+def _remarks(solution: Solution) -> Iterator[Finding | str]:
     """Yield reasons to doubt the fit."""
     residual = solution.residual
-    if solution.unexplained > MAX_UNEXPLAINED:
-        yield (
-            f"the model leaves {100 * solution.unexplained:.0f} % of the response unexplained, "
-            f"{_worst_text(solution)}; expected {100 * MAX_UNEXPLAINED:.0f} % or less: do not use its parameters"
-        )
+    if solution.unexplained:
+        worst = float(solution.data.frequency[np.argmax(np.abs(solution.error))])
+        share = Quantity(100 * solution.unexplained, "%", "of the response unexplained, most", worst)
+        remedy = "do not use its parameters: take more modes, or a narrower frequency range"
+        yield Finding("misfit", (share,), remedy=remedy, error=solution.unexplained)
     if solution.has_model_error:
         yield (
             f"the residual is {np.sqrt(solution.excess):.2g} times what noise and model_error explain ({residual:.2g} "
@@ -490,9 +488,3 @@ def _remarks(solution: Solution) -> Iterator[str]:
                 f"the dead time is {values[-1]:.3g} s: the method removes more delay than there is; lower its dead "
                 "times, or fix dead_time"
             )
-
-
-def _worst_text(solution: Solution) -> str:
-    """Return where the model errs most."""
-    worst = int(np.argmax(np.abs(solution.error)))
-    return f"most at {solution.data.frequency[worst]:.4g} Hz"
