@@ -14,6 +14,7 @@ from fraexp.errors import ParameterError, RecordError
 from tests.examples import thorough
 from tests.identification.friction_records import THREE, driven, motion, record, signals, values
 from tests.machines import guide
+from tests.responses import judged
 
 GUIDE = guide()
 KNOWN = tuple(GUIDE.limit_deflection.tolist())
@@ -25,7 +26,7 @@ def elements(stiffness, limit_force, damping=()):
 
 
 def test_known_thresholds_give_every_stiffness_to_rounding(registry):
-    result = FrictionIdentification(thresholds=KNOWN).estimate(record(GUIDE))
+    result = judged(FrictionIdentification(thresholds=KNOWN), record(GUIDE))
     fit = result.fits[0]
     assert result.outcome is Outcome.OK
     assert not result.message

@@ -17,6 +17,7 @@ from fraexp.simulation.machine import ControlLoop, Machine, Numerics
 from tests.examples import thorough
 from tests.identification.friction_records import sliding, values
 from tests.machines import LEAD, TABLE, guide
+from tests.responses import judged
 
 STIFF = Pid(proportional=60e3, derivative_time=0.02, filter_time=0.002)
 DEAD_TIME = 1e-3
@@ -92,7 +93,7 @@ def test_whether_a_measured_thrust_is_held_is_found(held):
     slides = recorded(
         wide, Coulomb(coulomb_force=5.0, viscous_coefficient=8.0), Modal(rigid_body_gain=1 / 1.7), pid, **ideal
     )
-    assert sliding().estimate(slides).message == ""  # of a simulation it is known
+    assert judged(sliding(), slides).message == ""  # of a simulation it is known
     found = sliding().estimate(measured(slides, every))
     assert values(found)["mass"] == pytest.approx(1.7, rel=2e-3)
     assert ("between samples" in found.message) is not held
@@ -135,7 +136,7 @@ def test_coulomb_friction_mass_viscous_friction_and_offset_come_from_one_record_
 
 def test_runs_at_constant_velocity_give_the_viscous_coefficient():
     excitation = ConstantVelocities(velocities=(5e-3, 10e-3, 20e-3), travel=20e-3, cycles=2)
-    result = sliding(constant_velocity=True).estimate(recorded(excitation, guide(), noise=30e-9))
+    result = judged(sliding(constant_velocity=True), recorded(excitation, guide(), noise=30e-9))
     found = values(result)
     assert not result.message
     assert found["viscous coefficient"] == pytest.approx(4.69, rel=5e-3)

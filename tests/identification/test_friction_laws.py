@@ -16,6 +16,7 @@ from fraexp.errors import ParameterError, RecordError
 from tests.examples import thorough
 from tests.identification.friction_records import driven, signals, values
 from tests.identification.test_law_selection import BOUC_WEN
+from tests.responses import judged
 
 RATED = {"coulomb_force": 10.0, "static_force": 14.0, "stribeck_velocity": 1e-3}
 GMS = GeneralizedMaxwellSlip(
@@ -42,7 +43,7 @@ def varied(model, noise=0.0):
     ids=lambda one: one.name,
 )
 def test_the_law_is_found_and_held_out_parts_are_met_to_the_noise(model, estimator, registry):
-    result = estimator.estimate(varied(model, NOISE))
+    result = judged(estimator, varied(model, NOISE))
     found = values(result)
     clean = varied(model).segments[0].channels["friction"]
     assert not result.message

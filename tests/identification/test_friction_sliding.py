@@ -8,6 +8,7 @@ import pytest
 from fraexp.data.signals import Segment, Settling, Signals
 from fraexp.errors import RecordError
 from tests.identification.friction_records import THREE, driven, sliding, values
+from tests.responses import judged
 
 RATE, MASS = 1000.0, 3.0
 
@@ -34,7 +35,7 @@ TRUTH = {"mass": MASS, "Coulomb force": 8.0, "viscous coefficient": 25.0, "offse
 @pytest.mark.parametrize(("late", "asymmetry", "noise"), [(0, 0.0, 0.0), (2, 0.0, 0.3), (0, 6.0, 0.1)])
 def test_what_the_motion_took_is_found(late: int, asymmetry: float, noise: float) -> None:
     estimator = sliding(input_dead_time=late / RATE, fit_asymmetry=asymmetry > 0)
-    result = estimator.estimate(record(late=late, asymmetry=asymmetry, noise=noise))
+    result = judged(estimator, record(late=late, asymmetry=asymmetry, noise=noise))
     found = values(result)
     for name, value in TRUTH.items():
         assert found[name] == pytest.approx(value, rel=0.01), name
@@ -81,7 +82,8 @@ def test_an_error_of_a_few_percent_is_reported_where_it_is_no_noise() -> None:
     shaken = Signals((Segment(1 / RATE, channels, segment.lines, segment.settling),), {"u": "N", "y": "m"})
     result = sliding().estimate(shaken)
     found = values(result)
-    assert "the error is 5.3% of the Coulomb force, of which noise explains" in result.message
+    (misfit,) = [each for each in result.findings if each.kind == "misfit"]
+    assert misfit.error == pytest.approx(0.053, abs=5e-4)
     assert all(abs(found[name] - value) < found[f"{name}, 95 %"] for name, value in TRUTH.items())
 
 

@@ -7,6 +7,7 @@ from fraexp_plugins.identification.friction.friction_identification import Frict
 from fraexp.data.signals import Segment, Signals
 from tests.identification.friction_records import THREE, driven, sliding, values
 from tests.records.strangers import Drive, point_to_point
+from tests.responses import judged
 
 RATE = 1000.0
 VISCOUS = "viscous coefficient"
@@ -64,7 +65,7 @@ def test_presliding_of_a_ten_thousandth_of_the_stroke_is_modelled() -> None:
     velocity = np.gradient(y, 1 / RATE)
     u = 4.2 * np.gradient(velocity, 1 / RATE) + driven(THREE, y, 1 / RATE)
     u = (u + np.roll(u, -1)) / 2  # held over the sample that follows
-    result = FrictionIdentification(displacement="y", thrust="u", max_frequency=10.0).estimate(signals(u, y))
+    result = judged(FrictionIdentification(displacement="y", thrust="u", max_frequency=10.0), signals(u, y))
     found = values(result)
     assert found[VISCOUS] == pytest.approx(THREE.viscous, rel=1e-3)
     assert found[BAND] < 1e-3 * THREE.viscous

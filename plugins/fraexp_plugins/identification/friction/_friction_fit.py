@@ -27,6 +27,7 @@ from fraexp_plugins.identification._shared.law_forces import (
     rolling_elements,
 )
 from fraexp_plugins.identification._shared.least_squares import inverse_square, minimise
+from fraexp_plugins.identification._shared.usable_records import FORCE_FLOOR
 from fraexp_plugins.identification.friction._friction_rows import TERM_UNITS, FrictionProblem, FrictionRecord, Rows
 from fraexp_plugins.identification.friction._regression import (
     CompressedRows,
@@ -37,8 +38,6 @@ from fraexp_plugins.identification.friction._regression import (
     regress,
 )
 
-MAX_ERROR, MAX_UNEXPLAINED_ERROR = 0.1, 0.03
-"""Errors over the Coulomb force above which the model is wrong: in any case, and if noise does not explain it."""
 MAX_NOISE_RATIO = 3.0
 """Error over that by the channels' noise up to which noise explains it."""
 MAX_REMAINING_RATIO = 0.7
@@ -205,9 +204,8 @@ class FrictionFit:
 
     @property
     def has_model_error(self) -> bool:
-        """Whether the error is too large for a right model."""
-        allowed = max(MAX_UNEXPLAINED_ERROR * self.coulomb_force, MAX_NOISE_RATIO * self.noise)
-        return self.worst_error > min(MAX_ERROR * self.coulomb_force, allowed)
+        """Whether noise does not explain the error."""
+        return self.worst_error > max(FORCE_FLOOR * self.coulomb_force, MAX_NOISE_RATIO * self.noise)
 
     @cached_property
     def inverse(self) -> NDArray[np.float64]:
@@ -253,7 +251,7 @@ class FrictionFit:
         if self.stroke is not None:
             plain = np.diag(inverse_square(jacobian))
             yield self.stroke.values * np.clip(1 - plain / np.diag(self.stroke.inverse), 0.0, 1.0)
-        if self.problem.lead_doubt and not self.has_model_error:
+        if self.problem.lead_doubt:
             yield self.inverse @ (jacobian.T @ self.problem.thrust_doubt)
 
     @cached_property

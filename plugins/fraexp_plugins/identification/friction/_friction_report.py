@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import CURVE_POINTS, Curve, Finding, Fit, Metric, Outcome, Quantity, Result, Signals
+from fraexp.api import CURVE_POINTS, Curve, Finding, Fit, Metric, Quantity, Result, Signals
 from fraexp_plugins.friction._shared.element_model import ElementModel
 from fraexp_plugins.identification._shared.friction_curves import force_over_velocity, virgin_curve
-from fraexp_plugins.identification.friction._friction_fit import MAX_ERROR, FrictionFit
+from fraexp_plugins.identification.friction._friction_fit import FrictionFit
 from fraexp_plugins.identification.friction._friction_rows import TERM_UNITS
 
 MAX_RELATIVE_STD = 2.0
@@ -25,9 +25,8 @@ TITLES = {"viscous": "viscous coefficient", "asymmetry": "viscous asymmetry", "c
 
 def report(signals: Signals, fit: FrictionFit, verdict: Finding | None = None) -> Result:
     """Return the result: numbers, errors and energy as metrics, forces as curves, and the friction model."""
-    is_wrong = signals.outcome is Outcome.OK and fit.worst_error > MAX_ERROR * fit.coulomb_force
     result = Result(
-        Outcome.INACCURATE if is_wrong else signals.outcome,
+        signals.outcome,
         signals.findings,
         metrics=tuple(_metrics(fit)),
         curves=tuple(_curves(fit)),
@@ -59,6 +58,10 @@ def _findings(fit: FrictionFit) -> Iterator[Finding | str]:
         )
         size = float(np.std(fit.stroke.force))
         yield Finding("remark", (Quantity(size, "N", "rms"),), text=text)
+    half_width, force = _coulomb_half_width(fit), fit.coulomb_force
+    if half_width > 0:
+        known = Quantity(100 * half_width / force, "%", "known to")
+        yield Finding("not identifiable", (known,), place="Coulomb force", error=half_width / force)
     if fit.has_model_error:
         yield _model_error(fit)
 
@@ -77,19 +80,14 @@ def _is_curved(fit: FrictionFit) -> bool:
     return bool(abs(value) > MIN_CURVATURE_STDS * std and change > MIN_CURVATURE * abs(fit.term("viscous")))
 
 
-def _model_error(fit: FrictionFit) -> str:
-    relative = fit.worst_error / fit.coulomb_force
+def _model_error(fit: FrictionFit) -> Finding:
+    share, by_noise = fit.worst_error / fit.coulomb_force, fit.noise / fit.coulomb_force
     causes = (
-        "a standstill below the encoder's resolution, noise, another force, a Stribeck effect, a mode below ten times "
-        "max_frequency, or a wrong gain or dead time; see the curve of the forces"
+        "check for a standstill below the encoder's resolution, another force, a Stribeck effect, a mode below ten "
+        "times max_frequency, and a wrong gain or dead time: see the curve of the forces"
     )
-    error = f"the error is {relative:.1%} of the Coulomb force"
-    if relative > MAX_ERROR:
-        return f"{error}, so its parameters are unreliable; possible causes: {causes}"
-    return (
-        f"{error}, of which noise explains {fit.noise / fit.coulomb_force:.1g}: the intervals are widened, but may not "
-        f"cover the true values; possible causes: {causes}"
-    )
+    sizes = Quantity(100 * share, "%", "error over the Coulomb force"), Quantity(100 * by_noise, "%", "by noise")
+    return Finding("misfit", sizes, remedy=causes, error=share)
 
 
 def _stiffness(fit: FrictionFit) -> float:
@@ -103,16 +101,20 @@ def _half_widths(fit: FrictionFit) -> dict[str, float]:
     return dict(zip((each.name for each in fit.numbers), std.tolist(), strict=True))
 
 
+def _coulomb_half_width(fit: FrictionFit) -> float:
+    """Return half of the 95 % interval of the force of gross sliding [N]."""
+    is_force = np.array([each.name.startswith(("limit_force", "coulomb_force")) for each in fit.numbers], dtype=float)
+    return float(fit.quantile * np.sqrt(max(is_force @ fit.covariance @ is_force, 0.0)))
+
+
 def _metrics(fit: FrictionFit) -> Iterator[Metric]:
     """Yield the numbers, those of a list of elements but as their sums, and how well they explain the record."""
     widths, is_of_elements = _half_widths(fit), isinstance(fit.model, ElementModel)
     if is_of_elements:
-        limits = np.array([each.name.startswith("limit_force") for each in fit.numbers])
-        std = np.sqrt(max(limits @ fit.covariance @ limits, 0.0))
-        yield from _with_interval("Coulomb force", "N", fit.coulomb_force, fit.quantile * std)
+        yield from _with_interval("Coulomb force", "N", fit.coulomb_force, _coulomb_half_width(fit))
         yield Metric("presliding deflection", fit.coulomb_force / _stiffness(fit), "m")
         yield Metric("presliding stiffness", _stiffness(fit), "N/m")
-        yield Metric("elements", float(limits.sum()), "1")
+        yield Metric("elements", float(len(fit.sizes)), "1")
     for number in fit.numbers:
         if not is_of_elements or number.name in TERM_UNITS:
             title = TITLES.get(number.name, number.name.replace("_", " "))

@@ -82,7 +82,7 @@ MAX_EVEN_ERROR_RATIO, MIN_MIXED_LEAD = 0.8, 0.05
 samples from both from which it is neither."""
 
 
-class FrictionIdentification(Estimator, name="friction_identification", version=3):
+class FrictionIdentification(Estimator, name="friction_identification", version=4):
     """The parameters of a friction law, with mass, viscous friction and offset, by least squares along a record.
 
     `laws` names one law, or several, your own included, of which the one with the smallest error over held-out cycles
