@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from fraexp.errors import FraexpError
     from fraexp.interface.callable_law import FrictionLaw
     from fraexp.interface.direct_computation import Recording
-    from fraexp.interface.result_sets import Results, Run
+    from fraexp.interface.result_sets import Identification, Results, Run
     from fraexp.interface.session import Workspace, estimate, friction_law, identify, read_record, run, simulate
     from fraexp.interface.study_source import Study
     from fraexp.interface.sweep_results import SweepResult
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = [
     "FraexpError",
     "FrictionLaw",
+    "Identification",
     "Recording",
     "Results",
     "Run",
@@ -37,6 +38,7 @@ __all__ = [
 _MODULES = {
     "FraexpError": "errors",
     "FrictionLaw": "interface.callable_law",
+    "Identification": "interface.result_sets",
     "Recording": "interface.direct_computation",
     "Results": "interface.result_sets",
     "Run": "interface.result_sets",

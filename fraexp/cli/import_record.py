@@ -1,9 +1,8 @@
 """``fraexp import``: analyse measured records, or list the contents of one."""
 
 from argparse import Namespace
-from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import follow, print_outcome
@@ -13,10 +12,6 @@ from fraexp.errors import RecordError
 from fraexp.records.channels import parse_channel
 from fraexp.records.study_writer import ImportRequest
 from fraexp.workspace.workspace_service import WorkspaceService
-
-if TYPE_CHECKING:
-    from fraexp.records.channels import FileContent
-    from fraexp.records.proposals import Proposal
 
 _RECORD_KEYS = [option.key for option in RECORD_OPTIONS]
 
@@ -30,16 +25,23 @@ def execute(arguments: Namespace) -> ExitCode:
             say(f"{arguments.files[0]}: analysed as {study} says")
             return print_outcome(follow(workspace.run([str(study.resolve())])), arguments, workspace)
         return _list_contents(arguments, workspace)
-    request = ImportRequest(
-        files=arguments.files,
-        channels=_parse_channels(arguments.channels, arguments.integrate),
-        options={key: value for key in _RECORD_KEYS if (value := getattr(arguments, key)) is not None},
+    request = replace(
+        request_of(arguments),
         estimators=arguments.estimators,
-        settings=arguments.overrides,
         levels=arguments.levels,
         each_file=arguments.separate_files,
     )
     return print_outcome(follow(workspace.import_record(request, arguments.study)), arguments, workspace)
+
+
+def request_of(arguments: Namespace) -> ImportRequest:
+    """Return files, channels, options of the record and settings that a command line states."""
+    return ImportRequest(
+        files=arguments.files,
+        channels=_parse_channels(arguments.channels, arguments.integrate),
+        options={key: value for key in _RECORD_KEYS if (value := getattr(arguments, key)) is not None},
+        settings=arguments.overrides,
+    )
 
 
 def _parse_channels(texts: list[str], integrals: list[str]) -> dict[str, object]:
@@ -65,11 +67,12 @@ def _parse_channels(texts: list[str], integrals: list[str]) -> dict[str, object]
 
 def _list_contents(arguments: Namespace, workspace: WorkspaceService) -> ExitCode:
     """Print the contents of files, and a command that would probably import them."""
+    from fraexp.records.proposals import propose_files
     from fraexp.records.record_files import list_contents
 
     files: list[Path] = arguments.files
     found = {file: list_contents(file, workspace.registry) for file in files}
-    proposal = _propose(found, workspace)
+    proposal = propose_files(found, workspace.registry)
     if arguments.json:
         rows = [
             {"name": o.name, "shape": list(o.shape), "unit": o.unit, "guess": o.guess, "file": str(file)}
@@ -90,22 +93,3 @@ def _list_contents(arguments: Namespace, workspace: WorkspaceService) -> ExitCod
         say(sentence)
     say(f"next, after correcting units and gains: {proposal.command}")
     return ExitCode.OK
-
-
-def _propose(found: "Mapping[Path, Sequence[FileContent]]", workspace: WorkspaceService) -> "Proposal":
-    """Return the proposal for one file, or for several of one kind or of one record."""
-    from fraexp.records.proposals import propose_import, propose_join
-
-    first, *others = found
-    if not others:
-        return propose_import(first, found[first], workspace.registry)
-    names = [{one.name for one in contents} for contents in found.values()]
-    if any(these != names[0] for these in names):
-        return propose_join(found)
-    proposal = propose_import(first, found[first], workspace.registry)
-    proposal.words[2:3] = [str(file) for file in found]
-    proposal.findings.append(
-        "the files have the same columns: they are taken for realisations of one experiment; --separate-files takes "
-        "each for an experiment, --join-files for channels of one record"
-    )
-    return proposal

@@ -171,6 +171,23 @@ RECORD_OPTIONS = (
 )
 """Options of ``fraexp import`` that are keys of a study's section ``[record]``."""
 
+CHANNEL = _repeated(
+    "--channel NAME=COLUMN",
+    "channels",
+    "define a channel, such as u=force, 'y=position [mm]' or 'u=(volts - 2.5) * 31.5 [N]'; the first is "
+    "the input, the second the output",
+)
+INTEGRATE = _repeated(
+    "--integrate NAME[=TIMES]",
+    "integrate",
+    "integrate a channel over time, such as y=2 for acceleration to displacement; negative: differentiate",
+)
+RECORD_FILES = (
+    "measured record or response: .csv, .txt, .mat, .h5, .npz, .uff, .xml, .tdms, .mf4, .mcap, .parquet; several files "
+    "are records of one experiment"
+)
+RECORD_STUDY = _option("--study FILE", "study file to write (default: studies/FILE.toml)", type=Path)
+
 COMMANDS = {
     "run": _command(
         "run",
@@ -329,17 +346,11 @@ COMMANDS = {
         "analyse a measured record, or list its contents",
         _option(
             "files FILE",
-            "measured record or response: .csv, .txt, .mat, .h5, .npz, .uff, .xml, .tdms, .mf4, .mcap, .parquet; "
-            "several files are realisations of one experiment",
+            f"{RECORD_FILES}; without --channel, list their contents",
             type=Path,
             nargs="+",
         ),
-        _repeated(
-            "--channel NAME=COLUMN",
-            "channels",
-            "define a channel, such as u=force, 'y=position [mm]' or 'u=(volts - 2.5) * 31.5 [N]'; the first is "
-            "the input, the second the output; without --channel, list the contents of the file",
-        ),
+        CHANNEL,
         *RECORD_OPTIONS,
         _repeated(
             "--level NAME",
@@ -348,18 +359,26 @@ COMMANDS = {
             type=_placeholder_value,
         ),
         _switch("--separate-files", "treat each FILE as a separate experiment"),
-        _repeated(
-            "--integrate NAME[=TIMES]",
-            "integrate",
-            "integrate a channel over time, such as y=2 for acceleration to displacement; negative: differentiate",
-        ),
+        INTEGRATE,
         _repeated(
             "--estimator NAME",
             "estimators",
             "estimator (default: conventional); repeat it to compare several; see fraexp plugins",
         ),
         _set("PATH=VALUE", "set a parameter of the estimator, such as estimator.order=2"),
-        _option("--study FILE", "study file to write (default: studies/FILE.toml)", type=Path),
+        RECORD_STUDY,
+        JSON,
+    ),
+    "identify": _command(
+        "identify",
+        "find plant and friction in records of one machine, at one amplitude or several",
+        _option("files FILE", RECORD_FILES, type=Path, nargs="+"),
+        CHANNEL,
+        *RECORD_OPTIONS,
+        INTEGRATE,
+        _set("PATH=VALUE", "set a parameter of the estimator, such as estimator.input_dead_time=1.2e-3"),
+        RECORD_STUDY,
+        _switch("--tune", "tune the feedback for the plant that was found"),
         JSON,
     ),
     "measure": _command(

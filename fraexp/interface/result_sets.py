@@ -1,6 +1,7 @@
 """Results of several sweeps: of a run, or of a search in the database."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, SupportsIndex, overload
@@ -256,3 +257,20 @@ class Run(Results):
     def _heading(self) -> str:
         counts = f"{self.summary.computed} computed, {self.summary.reused} reused, {self.summary.failed} failed"
         return f"run {self.number} of {self.study} {self.state}: {plural(len(self._sweeps), 'sweep')}, {counts}"
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What records of one machine tell: a run, whose last result has all of them, and the answers that follow."""
+
+    run: Run
+    answers: tuple[tuple[str, str], ...]
+    """What is asked of the axis, and what the records answer, as ``fraexp identify`` prints it."""
+
+    @property
+    def models(self) -> dict[str, Mapping[str, Any]]:
+        """Identified plant and friction, by kind, as a study takes them."""
+        return self.run[-1].models
+
+    def __repr__(self) -> str:
+        return "\n".join(f"{question}: {answer}" for question, answer in self.answers)

@@ -17,14 +17,16 @@ from fraexp.interface import direct_computation
 from fraexp.interface.argument_checks import require_mapping, require_path, require_positive, require_text
 from fraexp.interface.callable_law import FrictionLaw
 from fraexp.interface.direct_computation import Recording
-from fraexp.interface.result_sets import Results, Run
+from fraexp.interface.result_sets import Identification, Results, Run
 from fraexp.interface.run_monitor import follow_run
 from fraexp.interface.study_source import Study, component_spec, override_texts, resolve_study, session_classes
-from fraexp.interface.sweep_results import SweepResult, require_fit
+from fraexp.interface.sweep_results import SweepResult
 from fraexp.records import RecordSettings
 from fraexp.records import resolve as resolve_record
-from fraexp.records.study_writer import PERIODIC_ESTIMATOR
+from fraexp.records.first_look import choose, look_at, with_channels
+from fraexp.records.study_writer import PERIODIC_ESTIMATOR, ImportRequest
 from fraexp.study.study_file import ResolvedStudy, find_study
+from fraexp.views.identified_axis import answers
 from fraexp.workspace.workspace_service import WorkspaceService
 
 Arguments = ParamSpec("Arguments")
@@ -300,13 +302,49 @@ class Workspace:
         return direct_computation.estimate_signals(recording, spec)
 
     def identify(
-        self, /, recording: Recording, estimator: str | Mapping[str, Any] | Component, **parameters: Any
-    ) -> SweepResult:
-        """Return the result of an estimator that identifies a plant or a friction law, as `estimate` does.
+        self,
+        /,
+        file: str | Path | Sequence[str | Path],
+        channels: Mapping[str, Any] | None = None,
+        *,
+        study: str | Path | None = None,
+        progress: bool = True,
+        **keys: Any,
+    ) -> Identification:
+        """Return plant and friction of one machine from its records, as ``fraexp identify`` does.
 
-        Its `models` go into a study, or into `simulate`. StudyError if the estimator identifies nothing.
+        The estimator follows from the records: at several amplitudes all are identified together.
+
+        Parameters
+        ----------
+        file
+            A file, or several: repetitions, or other amplitudes.
+        channels
+            As those of `read_record`; without it, those that names, units and values of the columns show.
+        study
+            File of the study that is written; by default ``studies/``, with the name of the first file.
+        progress
+            Whether plan, progress and failures are shown.
+        keys
+            Other keys of the section ``[record]``, such as ``skip_periods=2``.
         """
-        return require_fit(self.estimate(recording, estimator, **parameters))
+        given = list(file) if isinstance(file, list | tuple) else [file]
+        if not given:
+            raise ParameterError("identify: there is no file; expected one at least")
+        files = [require_path(one, "file") for one in given]
+        target = None if study is None else require_path(study, "study")
+        columns = require_mapping(channels or {}, "channels", '{"u": "iq [A]", "y": "pos [mm]"}')
+        refresh_plugins(self._service)
+        registry = self._service.registry
+        request = with_channels(ImportRequest(files, dict(columns), component_spec(keys)), registry)
+        look = look_at(request, registry)
+        choice = choose(look)
+        ended = follow_run(self._service.identify(request, look, choice, target), progress)
+        if ended.run is None:
+            raise FraexpError("identify: the run was interrupted before it had begun")
+        run = self.open_run(ended.run)
+        results = {str(of.labels.get("case", "")): of.result for of in run}
+        return Identification(run, tuple(answers(files, look, choice, results)))
 
     def __repr__(self) -> str:
         return f"<Workspace {self.folder}, database {self._database_name()}>"

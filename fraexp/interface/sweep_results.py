@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fraexp.data.figure_kinds import check_kind
 from fraexp.data.findings import Finding
 from fraexp.data.results import UNUSABLE_OUTCOMES, FrequencyResponse, Result
-from fraexp.errors import FraexpError, ParameterError, StudyError
+from fraexp.errors import FraexpError, ParameterError
 from fraexp.figures.result_files import export, json_value
 from fraexp.interface.argument_checks import frequency_view, is_there, require_path
 from fraexp.interface.datasets import (
@@ -239,13 +239,3 @@ class SweepResult:
         has_figure = self.is_usable and (self.result.response is not None or bool(self.result.curves))
         figure = self.plot() if has_figure else None
         return page_part(f"Sweep {self.key}", [*notes, *metrics], figure, table.columns, table.rows)
-
-
-def require_fit(found: SweepResult) -> SweepResult:
-    """Return a result that identified a component; StudyError if its estimator identifies none."""
-    if not found.result.fits and found.is_usable:
-        raise StudyError(
-            f"identify: {found.estimator} identifies no component; take an estimator such as modal_fit, "
-            "friction_identification or plant_and_friction"
-        )
-    return found

@@ -80,42 +80,80 @@ MAX_RADIANS, MIN_DEGREES = 7.0, 30.0
 """Largest phase up to which it is in radians, and from which it is in degrees, if nothing states its unit."""
 
 
+FLAGS = {
+    "response_unit": "--unit",
+    "time_column": "--time",
+    "frequency_column": "--frequency",
+    "periodic": "--aperiodic",
+}
+"""Options of the command for keys of [record] that are not called like them."""
+
+
 @dataclass
 class Proposal:
-    """The command that probably imports a file, with words in capitals that the user must replace."""
+    """How files are probably imported, with words in capitals that the user must replace."""
 
-    words: list[str] = field(default_factory=list)
+    files: list[Path]
+    channels: dict[str, str] = field(default_factory=dict)
+    options: dict[str, str | float | bool] = field(default_factory=dict)
+    """Keys of the section [record]."""
+    levels: list[str] = field(default_factory=list)
     needs: list[str] = field(default_factory=list)
     """What the listing cannot know, in sentences."""
     findings: list[str] = field(default_factory=list)
-    """What was found in the file, in sentences."""
+    """What was found in the files, in sentences."""
 
     @property
     def command(self) -> str:
         """The command as one would type it."""
-        return shlex.join(self.words)
+        words = ["fraexp", "import", *map(str, self.files)]
+        words += [part for name, text in self.channels.items() for part in ("--channel", f"{name}={text}")]
+        words += [part for level in self.levels for part in ("--level", level)]
+        for key, value in self.options.items():
+            words.append(FLAGS.get(key, f"--{key.replace('_', '-')}"))
+            if not isinstance(value, bool):
+                words.append(f"{value:.10g}" if isinstance(value, float) else str(value))
+        if not self.options.get("periodic", True):
+            words += ["--estimator", "friction_identification", "--set", 'estimator.laws=["coulomb"]']
+        return shlex.join(words)
 
     def add_channel(self, name: str, text: str, one: FileContent | None = None) -> None:
         """Add a channel, and say if its unit is unknown."""
-        self.words += ["--channel", f"{name}={text}"]
+        self.channels[name] = text
         if one is not None and text.endswith("UNIT]"):
             stated = f" (the file says '{one.unit}')" if one.unit.strip() not in UNITLESS_MARKS else ""
             self.needs.append(f"the unit of '{one.name}' is unknown{stated}: replace UNIT")
 
 
+def propose_files(found: Mapping[Path, Sequence[FileContent]], registry: Registry) -> Proposal:
+    """Return how files are imported: one, several of one kind, or several with the channels of one record."""
+    first, *others = found
+    names = [{one.name for one in contents} for contents in found.values()]
+    if any(these != names[0] for these in names):
+        return _propose_join(found)
+    proposal = propose_import(first, found[first], registry)
+    if others:
+        proposal.files = list(found)
+        proposal.findings.append(
+            "the files have the same columns: they are taken for records of one experiment; --separate-files takes "
+            "each for an experiment, --join-files for channels of one record"
+        )
+    return proposal
+
+
 def propose_import(file: Path, found: Sequence[FileContent], registry: Registry) -> Proposal:
     """Return the command that imports a file, as far as names, units and values support one."""
     path = existing_file(file)
-    source = _Source(path, find_reader("", path, registry), found, Proposal(["fraexp", "import", str(file)]))
+    source = _Source(path, find_reader("", path, registry), found, Proposal([file]))
     if not source.propose_response():
         source.propose_record()
     source.proposal.findings += list_remarks(file, registry)
     return source.proposal
 
 
-def propose_join(found: Mapping[Path, Sequence[FileContent]]) -> Proposal:
+def _propose_join(found: Mapping[Path, Sequence[FileContent]]) -> Proposal:
     """Return the command that imports several files as channels of one record, as far as names and units support it."""
-    proposal = Proposal(["fraexp", "import", *map(str, found)])
+    proposal = Proposal(list(found))
     names = [one.name for contents in found.values() for one in contents]
     signals = [
         replace(one, name=one.name if names.count(one.name) == 1 else f"{file.name}{FILE_SIGN}{one.name}")
@@ -125,9 +163,9 @@ def propose_join(found: Mapping[Path, Sequence[FileContent]]) -> Proposal:
     ]
     inputs, outputs = _inputs_and_outputs([one for one in signals if one.guess != "time"])
     _propose_channels(proposal, inputs, outputs, [])
-    proposal.words.append("--join-files")
+    proposal.options["join_files"] = True
     if len({one.size for one in (*inputs, *outputs)}) > 1:
-        proposal.words += ["--resample", "cubic"]
+        proposal.options["resample"] = "cubic"
     proposal.findings.append("the files have different columns: they are taken for channels of one record")
     proposal.needs.append("state the period, --samples-per-period or --period-time, or --aperiodic")
     return proposal
@@ -236,7 +274,7 @@ class _Source:
             proposal.add_channel(role, f"{written} [{unit}]" if unit else written, one if unit == "UNIT" else None)
         stated = best[pair[0]][0].unit.strip()
         is_known = is_response_unit(stated)
-        proposal.words += ["--unit", stated if is_known else "OUTPUT/INPUT"]
+        proposal.options["response_unit"] = stated if is_known else "OUTPUT/INPUT"
         if not is_known:
             proposal.needs.append("the unit of the response is unknown: replace OUTPUT/INPUT, such as mm/N")
         return True
@@ -279,7 +317,7 @@ class _Source:
         for name, role in (("reference", "r"), ("excitation", "excitation")):
             for one in [one for one in _best(alike, role) if chosen is None or one.size == chosen.size][:1]:
                 proposal.add_channel(name, one.quantity, one)
-        proposal.words += [part for number in level for part in ("--level", number)]
+        proposal.levels += level
         self._propose_clock(chosen, [*inputs, *outputs])
 
     def _propose_clock(self, chosen: FileContent | None, used: Sequence[FileContent]) -> None:
@@ -302,16 +340,16 @@ class _Source:
         if time is not None:
             unit = clock_unit(time.name, self.values(time.column))
             stated = "" if is_usable_unit(time.unit) else f" [{unit}]"
-            self.proposal.words += ["--time", column_text(time.column) + stated]
+            self.proposal.options["time_column"] = column_text(time.column) + stated
             return
         for one in self.found:
             if one.guess in CLOCK_ROLES:
                 value = float(self.values(one.name)[0])
                 rate = value if one.guess == "sample rate" else 1 / value if value else 0.0
                 if rate > 0:
-                    self.proposal.words += ["--sample-rate", f"{rate:.10g}"]
+                    self.proposal.options["sample_rate"] = rate
                     return
-        self.proposal.words += ["--sample-rate", "HZ"]
+        self.proposal.options["sample_rate"] = "HZ"
         self.proposal.needs.append("the file does not state the sample rate: replace HZ")
 
     def _time_column(self, size: int) -> FileContent | None:
@@ -324,7 +362,7 @@ class _Source:
         proposal = self.proposal
         sides = [side for side in chosen.shape if side > 1]
         if len(sides) > 1:
-            proposal.words += ["--samples-per-period", str(max(sides))]
+            proposal.options["samples_per_period"] = max(sides)
             return
         if self._propose_steps(chosen):
             return
@@ -334,18 +372,17 @@ class _Source:
             values, rate = self._even_values(values, time, table)
         period = detect_period(values)
         if period is None:
-            friction = ["--estimator", "friction_identification", "--set", 'estimator.laws=["coulomb"]']
-            proposal.words += ["--aperiodic", *friction]
+            proposal.options["periodic"] = False
             proposal.findings.append(f"'{chosen.name}' does not repeat itself")
             return
         every = f"every {period} samples" + (f" ({period / rate:.6g} s)" if rate else "")
         proposal.findings.append(f"'{chosen.name}' repeats {every}, by its autocorrelation")
         if time is None:
             self._find_opposite_outputs(chosen, table, period)
-        if "--resample" in proposal.words and rate:
-            proposal.words += ["--period-time", f"{period / rate:.6g}"]
+        if "resample" in proposal.options and rate:
+            proposal.options["period_time"] = float(f"{period / rate:.6g}")
         else:
-            proposal.words += ["--samples-per-period", str(period)]
+            proposal.options["samples_per_period"] = period
 
     def _propose_steps(self, chosen: FileContent) -> bool:
         """Propose the frequencies of a stepped sine; False if no column holds them, each for a while."""
@@ -357,7 +394,7 @@ class _Source:
         if not runs or len(runs) * MIN_STEP_SAMPLES > chosen.size:
             return False
         steps = sorted({float(values[start]) for start, _ in runs})
-        self.proposal.words += ["--frequency", column_text(column)]
+        self.proposal.options["frequency_column"] = column_text(column)
         self.proposal.findings.append(
             f"'{column}' is constant for a while at {len(steps)} values: it is a stepped sine's frequency"
         )
@@ -402,5 +439,5 @@ class _Source:
                 return values, None
             proposal.findings.append(stamps_text(examine_stamps(time)))
             values, rate = resample(values, time, clock), clock.rate
-        proposal.words += ["--resample", "cubic"]
+        proposal.options["resample"] = "cubic"
         return values, rate

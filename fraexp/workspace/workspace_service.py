@@ -16,6 +16,7 @@ from fraexp.execution import background, provenance, scheduler
 from fraexp.execution.database_retry import DatabaseRetry
 from fraexp.execution.events import Ended, Event, Noticed, Planned
 from fraexp.execution.executors import ResourceLimits, worker_count
+from fraexp.records.first_look import Choice, RecordLook, choose, identification_study, look_at
 from fraexp.records.study_writer import ImportRequest, is_same_study, study_data, write_study
 from fraexp.reports.published_comparisons import run_title
 from fraexp.reports.stored_figures import StoredFigures
@@ -155,10 +156,29 @@ class WorkspaceService(WorkspaceFolder):
         """Write a study that analyses measured records, and run it.
 
         The study is ``studies/<name of the first file>.toml`` unless `target` is given; nothing is written if a record
-        is invalid.
+        is invalid. Files without an estimator that are records at several amplitudes are identified together.
         """
-        path = target or self.folder / "studies" / f"{request.stem}.toml"
-        data = study_data(request, path.parent, self.registry)
+        path = self._study_path(request, target)
+        if len(request.files) > 1 and not (
+            request.estimators or request.each_file or request.options.get("join_files")
+        ):
+            look = look_at(request, self.registry)
+            if look.levels > 1:
+                yield from self.identify(request, look, choose(look), target)
+                return
+        yield from self._run_written(path, study_data(request, path.parent, self.registry))
+
+    def identify(
+        self, request: ImportRequest, look: RecordLook, choice: Choice, target: Path | None = None
+    ) -> Generator[Event, None, None]:
+        """Write the study that applies an estimator to all records of one machine, and run it, as `import_record`."""
+        path = self._study_path(request, target)
+        yield from self._run_written(path, identification_study(request, look, choice, path.parent, self.registry))
+
+    def _study_path(self, request: ImportRequest, target: Path | None) -> Path:
+        return target or self.folder / "studies" / f"{request.stem}.toml"
+
+    def _run_written(self, path: Path, data: Mapping[str, object]) -> Generator[Event, None, None]:
         resolve(path.stem, path, data, self.folder, self.registry)
         if path.exists() and not is_same_study(path, data):
             free = next(other for n in count(2) if not (other := path.with_stem(f"{path.stem}-{n}")).exists())

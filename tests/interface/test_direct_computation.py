@@ -103,7 +103,7 @@ def test_a_law_cannot_take_the_name_of_a_plugin(workspace: fraexp.Workspace) -> 
 
 def test_a_model_that_was_identified_is_used(workspace: fraexp.Workspace) -> None:
     recording = workspace.simulate("linear_motor_table", {**EXCITATION, "points": 30, "amplitude": 75.0})
-    found = workspace.identify(recording, "modal_fit", method={"name": "effective_input"}, modes=2)
+    found = workspace.estimate(recording, "modal_fit", method={"name": "effective_input"}, modes=2)
     assert found.models["plant"]["rigid_body_gain"] == pytest.approx(0.132, rel=1e-2)
     assert found.state_space["a"].shape == (6, 6)
     without = workspace.simulate("linear_motor_table", EXCITATION, plant=found.models["plant"], friction="none")
@@ -134,10 +134,6 @@ def test_a_measured_record_is_read_and_estimated(tmp_path, workspace: fraexp.Wor
         (
             lambda of: of.estimate(of.simulate("linear_motor_table", EXCITATION), "conventionl"),
             ["'conventionl'", "'conventional'"],
-        ),
-        (
-            lambda of: of.identify(of.simulate("linear_motor_table", EXCITATION), "conventional"),
-            ["modal_fit"],
         ),
         (lambda of: of.open_run("never"), ["'never'"]),
         (lambda of: of.study("quik"), ["'quik'", "'quick'"]),

@@ -14,6 +14,7 @@ from tests.waiting import HANG_TIMEOUT_S
 STABLE = [
     "FraexpError",
     "FrictionLaw",
+    "Identification",
     "Recording",
     "Results",
     "Run",

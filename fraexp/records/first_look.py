@@ -1,0 +1,152 @@
+"""What measured records tell of an axis: the estimator that suits them, and the study that applies it."""
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fraexp.analysis.fourier import line_amplitude, phasors
+from fraexp.analysis.quantisation import grid_step
+from fraexp.components.registry import Registry
+from fraexp.data import toml
+from fraexp.data.signals import Signals
+from fraexp.errors import RecordError
+from fraexp.records.proposals import propose_files
+from fraexp.records.record_files import list_contents
+from fraexp.records.record_settings import INJECTED_CHANNELS, RecordSettings
+from fraexp.records.source import load, resolve
+from fraexp.records.stated_response import is_response
+from fraexp.records.study_writer import PERIODIC_ESTIMATOR, ImportRequest, study_data
+
+LEVEL_RATIO = float(np.sqrt(2.0))
+"""Ratio of the input's amplitudes from which records are levels, and no repetitions of one.
+
+Friction is identified from amplitudes a factor of 2 apart (`plant_and_friction`); this is half of it in dB.
+"""
+LEVELS_FOR_LAWS = 3
+"""Number of levels that tell laws apart: nearly still, presliding and sliding."""
+RESPONSE = "response"
+"""Label of the response to which a plant is fitted."""
+ALL_RECORDS = "all records"
+"""Label of the sweep to which all levels contribute."""
+JOINT, PLANT, SLIDING = "plant_and_friction", "modal_fit", "friction_identification"
+
+
+class RecordLook(NamedTuple):
+    """What is to be seen in records before anything is estimated."""
+
+    unit: str
+    """Unit of the input; empty for a response that was measured elsewhere."""
+    frequencies: tuple[float, ...]
+    """Excited frequencies [Hz], ascending; empty for a record that does not repeat itself."""
+    amplitudes: tuple[float, ...]
+    """Median amplitude of the input in each file [its unit]; of a stated response without one it is NaN."""
+    levels: int
+    """Number of amplitudes at a frequency that are further apart than `LEVEL_RATIO`, the median over frequencies."""
+    resolution: float
+    """Quantisation step of the position [its unit]; 0 if it is as good as continuous."""
+
+
+class Choice(NamedTuple):
+    """An estimator that suits records, as a study names it, and why."""
+
+    estimator: Mapping[str, Any]
+    reason: str
+
+
+def with_channels(request: ImportRequest, registry: Registry) -> ImportRequest:
+    """Return a request with channels: those that names, units and values of its files show, if it has none.
+
+    Raises
+    ------
+    RecordError : if these leave something open.
+    """
+    if request.channels:
+        return request
+    proposal = propose_files({file: list_contents(file, registry) for file in request.files}, registry)
+    if proposal.needs or proposal.levels:
+        needs = proposal.needs or ["the columns are those of several levels: leave out {level}, and choose one"]
+        raise RecordError(f"{request.files[0]}: {'; '.join(needs)}; give the options of '{proposal.command}'")
+    return replace(request, channels=proposal.channels, options={**proposal.options, **request.options})
+
+
+def look_at(request: ImportRequest, registry: Registry) -> RecordLook:
+    """Return what is to be seen in the records of a request; RecordError if they cannot be read as it says."""
+    section = {"file": [str(file) for file in request.files], "channels": dict(request.channels), **request.options}
+    settings = RecordSettings.parse(section, "record")
+    experiment, paths = resolve(settings, Path(), registry)
+    signals = load(experiment, paths, registry)
+    if is_response(settings.channels):
+        return RecordLook("", _frequencies(signals), (), 1, 0.0)
+    source, position, *_ = (name for name in request.channels if name not in INJECTED_CHANNELS)
+    unit = signals.units[source]
+    steps = [grid_step(segment.channels[position]) for segment in signals.segments]
+    if not signals.segments[0].periodic:
+        return RecordLook(unit, (), (), 1, _rounded(min(steps)))
+    by_file: dict[int, list[float]] = defaultdict(list)
+    for plain, segment in zip(experiment["record"]["segments"], signals.segments, strict=True):
+        by_file[plain.get("part", 0)].append(line_amplitude(segment, source))
+    amplitudes = tuple(float(np.median(sizes)) for sizes in by_file.values())
+    return RecordLook(unit, _frequencies(signals), amplitudes, _level_count(signals, source), _rounded(min(steps)))
+
+
+def _rounded(value: float) -> float:
+    """Return a number without the rounding errors of what it was found in."""
+    return float(f"{value:.6g}")
+
+
+def _frequencies(signals: Signals) -> tuple[float, ...]:
+    return tuple(sorted({_rounded(float(of)) for segment in signals.segments for of in segment.frequency}))
+
+
+def _level_count(signals: Signals, source: str) -> int:
+    """Return how many amplitudes of the input a frequency has, the median over the frequencies."""
+    sizes: dict[str, list[float]] = defaultdict(list)
+    for segment in signals.segments:
+        found = np.abs(phasors(segment, source).mean(axis=0))
+        for frequency, size in zip(segment.frequency, found, strict=True):
+            sizes[f"{frequency:.6g}"].append(float(size))
+    steps = [np.diff(np.log(np.sort(of))) for of in sizes.values() if min(of) > 0]
+    return 1 + int(np.median([np.sum(of > np.log(LEVEL_RATIO)) for of in steps] or [0]))
+
+
+def choose(look: RecordLook) -> Choice:
+    """Return the estimator that suits records."""
+    if not look.unit:
+        return Choice({"name": PLANT}, "it is a response that was measured elsewhere")
+    if not look.frequencies:
+        return Choice({"name": SLIDING, "laws": ["coulomb"]}, "the record does not repeat itself")
+    if look.levels > 1:
+        law = {"law": "any"} if look.levels >= LEVELS_FOR_LAWS else {}
+        encoder = {"resolution": look.resolution} if look.resolution else {}
+        joint = {"name": JOINT, **law, "estimate_dead_time": True, **encoder}
+        return Choice(joint, f"the same frequencies were excited at {look.levels} amplitudes")
+    return Choice({"name": PLANT}, "there is one amplitude, at which friction may look like a spring")
+
+
+def identification_study(
+    request: ImportRequest, look: RecordLook, choice: Choice, folder: Path, registry: Registry
+) -> dict[str, Any]:
+    """Return the study, as plain data, that applies the chosen estimator; files of several levels also one by one."""
+    own = dict(choice.estimator)
+    name = str(own.pop("name"))
+    settings = [*(f"estimator.{key}={toml.dumps(value)}" for key, value in own.items()), *request.settings]
+    estimators = [] if name == PLANT else [name]  # a plant is fitted to what the usual estimator of a record finds
+    data: dict[str, Any] = study_data(
+        replace(request, estimators=estimators, settings=settings, each_file=False), folder, registry
+    )
+    data["title"] = f"Plant and friction of {', '.join(file.name for file in request.files)}"
+    if name == PLANT:
+        method = data.pop("estimator")
+        fit = {"name": PLANT, "fit_ground": True, "method": method}
+        return {**data, "case": [{"label": RESPONSE, "estimator": method}, {"label": PLANT, "estimator": fit}]}
+    files = data["record"]["file"]
+    if look.levels == 1 or isinstance(files, str):
+        return data
+    joint = {"label": ALL_RECORDS, "estimator": data.pop("estimator")}
+    plain = {"name": PERIODIC_ESTIMATOR, **{key: joint["estimator"][key] for key in ("input", "output")}}
+    each = [{"label": Path(file).name, "record": {"file": file}, "estimator": plain} for file in files]
+    return {**data, "case": [*each, joint]}

@@ -1,0 +1,107 @@
+"""Records of one machine at two amplitudes, simulated here by itself, and what is identified from them."""
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fraexp
+from fraexp.cli.main import main
+from fraexp.records.first_look import choose, look_at, with_channels
+from fraexp.records.study_writer import ImportRequest
+from fraexp.workspace.workspace_service import WorkspaceService
+from tests.refusals import refused
+
+SAMPLE_TIME, DELAY, STEPS = 5e-4, 1, 12
+MASSES, SPRING, DAMPER = (3.0, 2.0), 2.4e5, 20.0
+FORCES = [15.0 / 8] * 8
+STIFFNESSES = [force / (6e-6 * 1.7**number) for number, force in enumerate(FORCES)]
+VISCOUS = 20.0
+FREQUENCIES = np.geomspace(4, 120, 20)
+PERIODS = 8
+
+
+def write_record(path: Path, amplitude: float, frequencies: np.ndarray = FREQUENCIES) -> None:
+    """Write stepped sines of two masses with friction at the motor, by semi-implicit Euler steps."""
+    random, step = np.random.default_rng(5), SAMPLE_TIME / STEPS
+    x, v, load, speed = 0.0, 0.0, 0.0, 0.0
+    deflections, waiting, last, rate, rows = [0.0] * len(FORCES), [0.0] * DELAY, 0.0, 0.0, []
+    for frequency in frequencies:
+        period = round(1 / (frequency * SAMPLE_TIME))
+        for number in range(PERIODS * period):
+            y = round((x + 2e-8 * random.standard_normal()) / 1e-7) * 1e-7
+            rate += 0.3 * ((y - last) / SAMPLE_TIME - rate)
+            last = y
+            u = amplitude * math.sin(2 * math.pi * number / period) - 2e4 * y - 150 * rate
+            rows.append((len(rows) * SAMPLE_TIME, u, 1e6 * y, 1 / (period * SAMPLE_TIME)))
+            waiting.append(u)
+            force = waiting.pop(0)
+            for _ in range(STEPS):
+                friction = VISCOUS * v
+                for place, (stiffness, limit) in enumerate(zip(STIFFNESSES, FORCES, strict=True)):
+                    z = min(max(deflections[place] + v * step, -limit / stiffness), limit / stiffness)
+                    deflections[place] = z
+                    friction += stiffness * z
+                shaft = SPRING * (x - load) + DAMPER * (v - speed)
+                v += step * (force - friction - shaft) / MASSES[0]
+                speed += step * shaft / MASSES[1]
+                x, load = x + step * v, load + step * speed
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows([("time [s]", "force [N]", "position [um]", "frequency [Hz]"), *rows])
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with records at 12 N and 40 N of few frequencies."""
+    folder = tmp_path_factory.mktemp("records")
+    for name, amplitude in (("low", 12.0), ("high", 40.0), ("again", 41.0)):
+        write_record(folder / f"{name}.csv", amplitude, FREQUENCIES[10::5])
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("names", "levels", "estimator"),
+    [(["low", "high"], 2, "plant_and_friction"), (["high", "again"], 1, "modal_fit"), (["low"], 1, "modal_fit")],
+)
+def test_amplitudes_choose_the_estimator(records: Path, names: list[str], levels: int, estimator: str) -> None:
+    registry = WorkspaceService.open(records).registry
+    request = with_channels(ImportRequest([records / f"{name}.csv" for name in names], {}), registry)
+    look = look_at(request, registry)
+    assert (look.levels, choose(look).estimator["name"]) == (levels, estimator)
+    assert look.resolution == pytest.approx(1e-7)
+
+
+def test_a_listing_that_leaves_something_open_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "log.csv"
+    np.savetxt(file, np.random.default_rng(1).normal(size=(500, 3)), delimiter=",", header="a,b,c", comments="")
+    with refused(fraexp.FraexpError, "COLUMN", "HZ"):
+        fraexp.Workspace(tmp_path).identify(file)
+
+
+def test_one_amplitude_does_not_tell_friction(records: Path, tmp_path: Path) -> None:
+    found = fraexp.Workspace(tmp_path).identify(records / "high.csv", progress=False)
+    assert "twice the amplitude" in dict(found.answers)["friction"]
+    assert [of.labels["case"] for of in found.run] == ["response"] + ["modal_fit"] * (len(found.run) - 1)
+
+
+@pytest.mark.thorough
+def test_two_files_at_two_amplitudes_tell_plant_friction_and_gains(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, amplitude in (("low", 12.0), ("high", 40.0)):
+        write_record(tmp_path / f"{name}.csv", amplitude)
+    files = [tmp_path / "low.csv", tmp_path / "high.csv"]
+    assert main(["identify", *map(str, files), "--skip-periods=4", "--tune", "--json", f"--workspace={tmp_path}"]) == 0
+    answers = dict(json.loads(capsys.readouterr().out)["answers"])
+    assert answers["friction law"] == "rolling"
+    assert answers["gains"].startswith("proportional")
+    found = fraexp.Workspace(tmp_path).identify(files, skip_periods=4, progress=False)
+    plant, friction = found.models["plant"], found.models["friction"]
+    assert plant["rigid_body_gain"] == pytest.approx(1 / sum(MASSES), rel=5e-3)
+    resonance = math.sqrt(SPRING * (1 / MASSES[0] + 1 / MASSES[1])) / (2 * math.pi)
+    assert plant["frequencies"][0] == pytest.approx(resonance, rel=3e-3)
+    assert sum(friction["limit_force"]) == pytest.approx(sum(FORCES), rel=0.03)
+    assert found.run[-1].metrics["input_dead_time"] == pytest.approx(DELAY * SAMPLE_TIME, abs=0.2 * SAMPLE_TIME)
