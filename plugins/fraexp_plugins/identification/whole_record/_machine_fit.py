@@ -15,7 +15,7 @@ from fraexp_plugins.identification.whole_record._machine_problem import MachineP
 from fraexp_plugins.identification.whole_record._motion_start import (
     FRICTION_ERRORS,
     MotionFit,
-    ObservedStart,
+    MotionRecords,
     fits_along_motion,
 )
 from fraexp_plugins.identification.whole_record._record_fit import HOPELESS_RATIO, LinearisedFit, RecordFit, State
@@ -290,8 +290,8 @@ def _whole(problem: MachineProblem, fit: RecordFit, before: Fitted) -> Fitted:
     if whole.explains:
         return whole
     logs = before.state.shared[: len(problem.free.names)]
-    observer = problem.observer_of(before.fit.free.applied_to(before.fit.start, before.state.shared))
-    effective = ObservedStart.of(observer, problem.signals).effective
+    models = before.fit.free.applied_to(before.fit.start, before.state.shared)
+    effective = MotionRecords.of(problem).effective(models)
     alone = without_plant(replace(fit, free=problem.free), logs, effective)
     if alone.mean_ratio > whole.mean_ratio:
         return whole
@@ -313,9 +313,7 @@ def _without_untold_modes(problem: MachineProblem, joint: Fitted) -> Fitted:
     if not count or not joint.explains or is_told:
         return joint
     logs = joint.state.shared[: len(problem.free.names)]
-    observer = problem.observer_of(joint.models)
-    observed = ObservedStart.of(observer, problem.signals)
-    plant, _ = observed.plant(problem.signals, observer, count - 1, FRICTION_ERRORS[0])
+    plant, _ = MotionRecords.of(problem).plant(joint.models, count - 1, FRICTION_ERRORS[0])
     simpler = _converged(problem, replace(joint.fit, start=joint.fit.start.with_plant(plant)), logs)
     return _without_untold_modes(problem, simpler) if evidence(simpler, joint) > 0 else joint
 

@@ -244,12 +244,6 @@ class MachineProblem:
         )
         return Models(plant, replay, ports=self.ports)
 
-    def observer_of(self, models: Models) -> EffectiveInput:
-        """Return the observer with the friction and the dead time of a machine with one contact."""
-        scales = dict(zip(SCALES, models.scales, strict=True))
-        changed = {**scales, "friction": models.friction, DEAD_TIME: models.replay.input_path[0]}
-        return self.observer.model_copy(update=changed).resolve_oversampling(self.signals.segments)
-
     def leave_out(self, name: str) -> "MachineProblem":
         """Return the problem in which a parameter stays as it is at the start."""
         return replace(self, free=self.free.leave_out(name))

@@ -21,7 +21,6 @@ from fraexp.api import (
     ParameterError,
     Plant,
     RecordError,
-    Segment,
     Signals,
     fourier_sums,
     phasors,
@@ -55,61 +54,114 @@ PLANT_MODEL_ERROR = 1e-3
 # These numbers say where the fit of whole records begins. Fits from other starts end at the same parameters, which half
 # of the first three moves by less than 3 % of an interval; what they save is time, and starts in wrong valleys.
 ANY_PLANT = Modal(rigid_body_gain=1.0)
-"""Plant of a machine of which an observer takes friction and delays alone."""
+"""Plant of a machine of which friction and delays alone are known."""
 
 
-@dataclass(frozen=True)
-class ObservedStart:
-    """What the observer finds with one friction model."""
+MIN_HARMONIC_SAMPLES = 10
+"""Samples of a cycle of the highest harmonic: with fewer the law's force is wrong by more than `FORCE_FLOOR`."""
 
-    effective: tuple[NDArray[np.complex128], ...]
-    """Effective input of each segment [N], mean over periods, shape (lines,) each."""
-    friction: tuple[NDArray[np.complex128], ...]
-    """Friction force likewise [N]."""
+
+class MotionRecords:
+    """Records whose lines, with odd harmonics, show the force of friction along the measured motion beside the plant.
+
+    At the excited lines that is what an observer of the effective input finds.
+    """
+
+    def __init__(self, signals: Signals, observer: EffectiveInput) -> None:
+        self.signals, self.observer = signals, observer
+        self._segments = [with_harmonics(segment, MIN_HARMONIC_SAMPLES) for segment in signals.segments]
+        bare = observer.model_copy(update={"friction": Frictionless(), "force_scale": 1.0, "displacement_scale": 1.0})
+        self._motions = [bare.motion(segment) for segment in self._segments]
+        self.frequency = np.concatenate([segment.frequency for segment in self._segments])
+        pairs = zip(self._segments, signals.segments, strict=True)
+        self.is_excited = np.concatenate([np.isin(own.lines, given.lines) for own, given in pairs])
+        self._omega = 2 * np.pi * self.frequency
+        self.thrust = np.concatenate([each.mean(axis=0) for each in bare.linear_phasors(self._segments)])
+        self.output = np.concatenate([phasors(s, bare.output).mean(axis=0) for s in self._segments])
+        self._factor = bare.force_factor(self._omega)
+        self._periods = [len(segment.channels[bare.output]) for segment in self._segments]
+        counts = [segment.lines.size for segment in self._segments]
+        amplitudes = [np.sqrt(2 * np.mean(segment.channels[bare.input] ** 2)) for segment in self._segments]
+        self._force_floor = FORCE_FLOOR * np.repeat(amplitudes, counts)
+        spread = np.hypot(bare.noise, bare.resolution / np.sqrt(12))
+        sizes = np.array([segment.channels[bare.output].size for segment in self._segments])
+        self._output_error = np.repeat(spread * np.sqrt(2 / sizes), counts)
 
     @classmethod
-    def of(cls, observer: EffectiveInput, signals: Signals) -> "ObservedStart":
-        """Return what an observer finds along signals."""
-        effective = tuple(each.mean(axis=0) for each in observer.effective_phasors(signals.segments))
-        friction = tuple(each.mean(axis=0) for each in observer.friction_phasors(signals.segments))
-        return cls(effective, friction)
+    def of(cls, problem: MachineProblem) -> "MotionRecords":
+        """Return the records of a machine with one contact."""
+        return cls(problem.signals, problem.observer.resolve_oversampling(problem.signals.segments))
 
     @property
-    def friction_ratios(self) -> NDArray[np.float64]:
-        """Friction force over effective input at all lines, shape (n,)."""
-        return np.abs(np.concatenate(self.friction)) / np.maximum(np.abs(np.concatenate(self.effective)), 1e-300)
+    def lines(self) -> int:
+        """Number of all lines."""
+        return self._omega.size
+
+    def law_force(self, law: FrictionModel, scales: tuple[float, float] = (1.0, 1.0)) -> NDArray[np.complex128]:
+        """Return the force of a law [N] at all lines, without viscous friction, shape (n,)."""
+        force_scale, displacement_scale = scales
+        forces = law.forces([_scaled_motion(motion, displacement_scale) for motion in self._motions])
+        sums = [
+            fourier_sums(force.reshape(periods, -1), segment.lines).mean(axis=0)
+            for force, segment, periods in zip(forces, self._segments, self._periods, strict=True)
+        ]
+        return np.asarray(force_scale * self._factor * np.concatenate(sums))
+
+    def viscous_force(self, law: FrictionModel) -> NDArray[np.complex128]:
+        """Return the viscous force of a law [N] at all lines, shape (n,)."""
+        return np.asarray(1j * self._omega * law.viscous * self.output)
+
+    def forces(self, models: Models) -> NDArray[np.complex128]:
+        """Return G U - F [N] at all lines, shape (n,)."""
+        friction = self.viscous_force(models.friction) + self.law_force(models.friction, models.scales)
+        return np.asarray(self.thrust * np.exp(-1j * self._omega * models.added_dead_time) - friction)
+
+    def residual(self, forces: NDArray[np.complex128], plant: Plant) -> NDArray[np.float64]:
+        """Return what forces [N], less those that move a plant, leave over what is allowed for, shape (2 n,)."""
+        inverse = 1 / plant.response(self._omega)
+        left = (forces - self.output * inverse) / np.hypot(self._force_floor, np.abs(inverse) * self._output_error)
+        size = np.abs(left)
+        short = left * np.sqrt(2 / (1 + np.hypot(1, size)))
+        return np.concatenate([short.real, short.imag])
+
+    def effective(self, models: Models) -> list[NDArray[np.complex128]]:
+        """Return G U - F [N] at the excited lines of each segment, shape (lines,) each."""
+        counts = [segment.lines.size for segment in self.signals.segments]
+        return np.split(self.forces(models)[self.is_excited], np.cumsum(counts)[:-1])
 
     def plant(
-        self,
-        signals: Signals,
-        observer: EffectiveInput,
-        modes: int | None,
-        friction_error: float,
-        has_dead_time: bool = False,
+        self, models: Models, modes: int | None, friction_error: float, has_dead_time: bool = False
     ) -> tuple[Modal, float]:
-        """Return the modal plant in the observer's response, if friction may be wrong by this share, and a dead time.
+        """Return the modal plant in y'/(G U - F), if friction may be wrong by this share, and a dead time.
 
         Where the response supports no modes it is a rigid body. The dead time [s] is 0 unless it may have one.
         """
-        found = self._response(signals, observer)
-        error = friction_error * self.friction_ratios
+        effective = self.effective(models)
+        found, every = self._response(effective), np.concatenate(effective)
+        delayed = self.thrust * np.exp(-1j * self._omega * models.added_dead_time)
+        ratios = np.abs(delayed[self.is_excited] - every) / np.maximum(np.abs(every), 1e-300)
+        error = friction_error * ratios
         covariance = circular_covariance(np.abs(found.response) ** 2 * (error**2 + PLANT_MODEL_ERROR**2))
-        clearest = np.sort(self.friction_ratios[found.settled])[:MIN_POINTS]
-        is_clear = self.friction_ratios <= max(MAX_FRICTION_RATIO, clearest[-1])
+        clearest = np.sort(ratios[found.settled])[:MIN_POINTS]
+        is_clear = ratios <= max(MAX_FRICTION_RATIO, clearest[-1])
         return plant_in(replace(found, covariance=covariance, settled=found.settled & is_clear), modes, has_dead_time)
 
-    def _response(self, signals: Signals, observer: EffectiveInput) -> FrequencyResponse:
+    def _response(self, effective: Sequence[NDArray[np.complex128]]) -> FrequencyResponse:
         """Return y'/û_e, each segment for itself: their amplitudes may differ."""
-        parts = []
-        for segment, effective in zip(signals.segments, self.effective, strict=True):
+        parts, observer = [], self.observer
+        for segment, force in zip(self.signals.segments, effective, strict=True):
             output = phasors(segment, observer.output).mean(axis=0)
             unknown = np.full((output.size, 2, 2), np.nan)
-            amplitudes = np.abs(effective), np.abs(output)
-            parts.append(Part((segment,), segment.frequency, output / effective, unknown, np.inf, *amplitudes))
-        units = signals.unit(observer.input), signals.unit(observer.output)
-        found = combine_parts(signals, parts, names=(EFFECTIVE_INPUT, observer.output), units=units)
+            amplitudes = np.abs(force), np.abs(output)
+            parts.append(Part((segment,), segment.frequency, output / force, unknown, np.inf, *amplitudes))
+        units = self.signals.unit(observer.input), self.signals.unit(observer.output)
+        found = combine_parts(self.signals, parts, names=(EFFECTIVE_INPUT, observer.output), units=units)
         assert found.response is not None
         return found.response
+
+
+def _scaled_motion(motion: Motion, scale: float) -> Motion:
+    return motion._replace(displacement=motion.displacement / scale, lead_in=motion.lead_in / scale)
 
 
 def plant_in(response: FrequencyResponse, modes: int | None, has_dead_time: bool) -> tuple[Modal, float]:
@@ -140,11 +192,10 @@ forty lines."""
 ITERATIONS = 4
 """Times that the linear fit is repeated with the denominator of the one before as its weight. With two the error near
 modes still falls."""
-DISTINCT = 0.02
-"""Difference of two logarithms from which they are two starts: less leads to the same fit."""
-REFINED = 6
-"""Points of the grid from which a search for the scales begins. From half as many the right one of two valleys may be
-missed."""
+PRECISION = 2e-3
+"""Error of a logarithm of a scale with which a search in a valley ends: a start need not be better."""
+MAX_VALLEYS = 3
+"""Valleys of the grid in which a search begins, one more than starts are fitted: of two that are alike."""
 RANK_TOLERANCE = 1e-14
 """Diagonal of a triangle, over its greatest number, below which a column counts as one of those before: rounding."""
 MAX_LINES = 40
@@ -152,45 +203,38 @@ MAX_LINES = 40
 
 
 class ScaleSearch:
-    """The observer's response over scales of friction.
+    """The response beside friction, over scales of friction.
 
     The force is proportional to one scale. Along the other its phasors are interpolated between those of a grid.
     """
 
     def __init__(
-        self, segments: Sequence[Segment], observer: EffectiveInput, free: Sequence[str], force_range: float = RANGE
+        self, signals: Signals, observer: EffectiveInput, free: Sequence[str], force_range: float = RANGE
     ) -> None:
-        segments = _spread_segments(segments)
-        self.frequency = np.concatenate([segment.frequency for segment in segments])
-        self.has_force, self.has_displacement = FORCE_SCALE in free, DISPLACEMENT_SCALE in free
         from scipy.interpolate import CubicSpline  # slow to import: listing plugins must stay fast
 
-        output = [phasors(segment, observer.output).mean(axis=0) for segment in segments]
-        linear = [each.mean(axis=0) for each in observer.linear_phasors(segments)]
-        self.output, self.linear = np.concatenate(output), np.concatenate(linear)
+        records, law = MotionRecords(_spread_over_frequencies(signals), observer), observer.law
+        at = records.is_excited
+        self.has_force, self.has_displacement = FORCE_SCALE in free, DISPLACEMENT_SCALE in free
+        self.frequency, self.output = records.frequency[at], records.output[at]
+        self.linear = (records.thrust - records.viscous_force(law))[at]
         self.grid = np.linspace(-np.log(RANGE), np.log(RANGE), POINTS)
         points = round(POINTS * np.log(force_range) / np.log(RANGE))
         self.force_grid = np.linspace(-np.log(force_range), np.log(force_range), points)
         observed = self.grid if self.has_displacement else np.zeros(1)
-        forces = [self._forces(segments, observer, float(np.exp(log))) for log in observed]
+        forces = [records.law_force(law, (1.0, float(np.exp(log))))[at] for log in observed]
         self.force_over_scale = CubicSpline(observed, forces) if self.has_displacement else lambda _: forces[0]
 
-    def _forces(self, segments: Sequence[Segment], observer: EffectiveInput, scale: float) -> NDArray[np.complex128]:
-        moved = observer.model_copy(update={DISPLACEMENT_SCALE: scale, FORCE_SCALE: 1.0})
-        effective = np.concatenate([each.mean(axis=0) for each in moved.effective_phasors(segments)])
-        return np.asarray(self.linear - effective)
-
     def starts(self) -> list[NDArray[np.float64]]:
-        """Return the logarithms of both scales that give the most plausible responses, the best first."""
+        """Return the logarithms of both scales that give the most plausible responses, one in each valley."""
         forces = self.force_grid if self.has_force else np.zeros(1)
         displacements = self.grid if self.has_displacement else np.zeros(1)
-        points = np.stack(np.meshgrid(forces, displacements, indexing="ij"), axis=-1).reshape(-1, 2)
-        best = points[np.argsort(self.costs(points), kind="stable")[:REFINED]]
-        found: list[NDArray[np.float64]] = []
-        for _, point in sorted(map(self._refined, best), key=lambda each: each[0]):
-            if all(np.abs(point - other).max() > DISTINCT for other in found):
-                found.append(point)
-        return found
+        points = np.stack(np.meshgrid(forces, displacements, indexing="ij"), axis=-1)
+        costs = self.costs(points.reshape(-1, 2)).reshape(points.shape[:2])
+        around = np.lib.stride_tricks.sliding_window_view(np.pad(costs, 1, constant_values=np.inf), (3, 3))
+        valleys = costs <= around.min(axis=(2, 3))
+        lowest = points[valleys][np.argsort(costs[valleys], kind="stable")[:MAX_VALLEYS]]
+        return [point for _, point in sorted(map(self._refined, lowest), key=lambda each: each[0])]
 
     def _refined(self, point: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
         """Return the least cost around a point of the grid, and where it is."""
@@ -207,7 +251,7 @@ class ScaleSearch:
         simplex = point[free] + width * np.vstack([np.zeros(free.sum()), np.eye(free.sum())])
         found = minimize(
             lambda values: float(self.costs(at(values)[None, :])[0]), point[free], method="Nelder-Mead",
-            options={"initial_simplex": simplex, "xatol": DISTINCT / 10, "fatol": np.inf},
+            options={"initial_simplex": simplex, "xatol": PRECISION, "fatol": np.inf},
         )  # fmt: skip
         return float(found.fun), at(found.x)
 
@@ -218,12 +262,13 @@ class ScaleSearch:
         return np.asarray(np.min([cost + ORDER_COST * n / 2 for cost, n in zip(fits, ORDERS, strict=True)], axis=0))
 
 
-def _spread_segments(segments: Sequence[Segment]) -> list[Segment]:
+def _spread_over_frequencies(signals: Signals) -> Signals:
     """Return segments spread over the frequencies, with about as many lines as are compared."""
-    ordered = sorted(segments, key=lambda segment: float(segment.frequency[0]))
-    lines = sum(segment.lines.size for segment in segments) / len(segments)
+    ordered = sorted(signals.segments, key=lambda segment: float(segment.frequency[0]))
+    lines = sum(segment.lines.size for segment in ordered) / len(ordered)
     count = min(max(int(MAX_LINES / lines), 1), len(ordered))
-    return [ordered[place] for place in sorted({round(place) for place in np.linspace(0, len(ordered) - 1, count)})]
+    chosen = sorted({round(place) for place in np.linspace(0, len(ordered) - 1, count)})
+    return replace(signals, segments=tuple(ordered[place] for place in chosen))
 
 
 def _rational_errors(
@@ -324,8 +369,7 @@ def _plausible_friction(
 ) -> tuple[float, RoughFriction]:
     """Return the cost of the most plausible friction around a start, and that friction."""
     changed = observer.model_copy(update={"friction": start.model(Rolling)})
-    segments = signals.segments
-    search = ScaleSearch(segments, changed.resolve_oversampling(segments), SCALES, force_range=FORCE_RANGE)
+    search = ScaleSearch(signals, changed.resolve_oversampling(signals.segments), SCALES, force_range=FORCE_RANGE)
     (best, *_) = search.starts()
     cost = float(search.costs(best[None, :])[0])
     force, width = np.exp(best)
@@ -341,8 +385,6 @@ def _velocity(signals: Signals, observer: EffectiveInput) -> float:
     return max(speeds)
 
 
-MIN_HARMONIC_SAMPLES = 10
-"""Samples of a cycle of the highest harmonic: with fewer the law's force is wrong by more than `FORCE_FLOOR`."""
 DIFFERENCE = 1e-3
 """Difference of the parameters' logarithms for derivatives: forces of laws with events are as smooth as that."""
 START_LOG_STD = 1.0
@@ -373,56 +415,6 @@ class MotionFit:
         added = max(self.shared.size - other.shared.size, 1)
         allowed = added * greatest_variance_ratio(added, parts) / parts
         return other.residual > (1 + allowed) * self.residual
-
-
-class MotionRecords:
-    """Records whose lines, with odd harmonics, show the force of friction beside the plant."""
-
-    def __init__(self, segments: Sequence[Segment], observer: EffectiveInput) -> None:
-        self._segments = [with_harmonics(segment, MIN_HARMONIC_SAMPLES) for segment in segments]
-        bare = observer.model_copy(update={"friction": Frictionless(), "force_scale": 1.0, "displacement_scale": 1.0})
-        self._motions = [bare.motion(segment) for segment in self._segments]
-        self._omega = 2 * np.pi * np.concatenate([segment.frequency for segment in self._segments])
-        self._thrust = np.concatenate([each.mean(axis=0) for each in bare.linear_phasors(self._segments)])
-        self._output = np.concatenate([phasors(s, bare.output).mean(axis=0) for s in self._segments])
-        self._factor = bare.force_factor(self._omega)
-        self._periods = [len(segment.channels[bare.output]) for segment in self._segments]
-        counts = [segment.lines.size for segment in self._segments]
-        amplitudes = [np.sqrt(2 * np.mean(segment.channels[bare.input] ** 2)) for segment in self._segments]
-        self._force_floor = FORCE_FLOOR * np.repeat(amplitudes, counts)
-        spread = np.hypot(bare.noise, bare.resolution / np.sqrt(12))
-        sizes = np.array([segment.channels[bare.output].size for segment in self._segments])
-        self._output_error = np.repeat(spread * np.sqrt(2 / sizes), counts)
-
-    @property
-    def lines(self) -> int:
-        """Number of all lines."""
-        return self._omega.size
-
-    def forces(self, models: Models) -> NDArray[np.complex128]:
-        """Return G U - F [N] at all lines, shape (n,)."""
-        friction = models.friction
-        force_scale, displacement_scale = models.scales
-        forces = friction.forces([_scaled_motion(motion, displacement_scale) for motion in self._motions])
-        sums = [
-            fourier_sums(force.reshape(periods, -1), segment.lines).mean(axis=0)
-            for force, segment, periods in zip(forces, self._segments, self._periods, strict=True)
-        ]
-        viscous = 1j * self._omega * friction.viscous * self._output
-        thrust = self._thrust * np.exp(-1j * self._omega * models.added_dead_time)
-        return np.asarray(thrust - viscous - force_scale * self._factor * np.concatenate(sums))
-
-    def residual(self, forces: NDArray[np.complex128], plant: Plant) -> NDArray[np.float64]:
-        """Return what forces [N], less those that move a plant, leave over what is allowed for, shape (2 n,)."""
-        inverse = 1 / plant.response(self._omega)
-        left = (forces - self._output * inverse) / np.hypot(self._force_floor, np.abs(inverse) * self._output_error)
-        size = np.abs(left)
-        short = left * np.sqrt(2 / (1 + np.hypot(1, size)))
-        return np.concatenate([short.real, short.imag])
-
-
-def _scaled_motion(motion: Motion, scale: float) -> Motion:
-    return motion._replace(displacement=motion.displacement / scale, lead_in=motion.lead_in / scale)
 
 
 @dataclass(frozen=True)
@@ -500,10 +492,8 @@ def fits_along_motion(problem: MachineProblem) -> list[MotionFit]:
     if problem.frictions:
         assert problem.nominal_plant is not None
         return [MotionFit(problem.nominal_plant, np.zeros(len(problem.free.names)), np.nan)]
-    observer = problem.observer.resolve_oversampling(problem.signals.segments)
-    records = MotionRecords(problem.signals.segments, observer)
-    found: list[MotionFit] = []
-    for start in _starts(problem, observer)[:MAX_STARTS]:
+    records, found = MotionRecords.of(problem), list[MotionFit]()
+    for start in _starts(problem, records.observer)[:MAX_STARTS]:
         found.append(_fit_from(problem, records, start))
         if found[-1].residual < EXPLAINED:
             break
@@ -514,7 +504,7 @@ def _starts(problem: MachineProblem, observer: EffectiveInput) -> list[NDArray[n
     """Return the logarithms of the free parameters at which a fit may begin, the most plausible first."""
     if not set(SCALES) & set(problem.free.friction):
         return [np.zeros(len(problem.free.names))]
-    search = ScaleSearch(problem.signals.segments, observer, problem.free.friction)
+    search = ScaleSearch(problem.signals, observer, problem.free.friction)
     return [problem.free.logs_of(scales) for scales in search.starts()]
 
 
@@ -527,7 +517,7 @@ def _fit_from(problem: MachineProblem, records: MotionRecords, start: NDArray[np
     for _ in range(MAX_ROUNDS):
         logs = start if best is None else best.shared[: start.size]
         found = []
-        for with_delay, plant in _plants(problem, logs, best):
+        for with_delay, plant in _plants(problem, records, logs, best):
             free = problem.free_of(plant)
             search = _Search(records, free, problem.models_around(plant), start)
             place = search.minimum(np.concatenate([with_delay, np.zeros(len(free.plant))]))
@@ -543,7 +533,7 @@ def _fit_from(problem: MachineProblem, records: MotionRecords, start: NDArray[np
 
 
 def _plants(
-    problem: MachineProblem, logs: NDArray[np.float64], best: MotionFit | None
+    problem: MachineProblem, records: MotionRecords, logs: NDArray[np.float64], best: MotionFit | None
 ) -> Iterator[tuple[NDArray[np.float64], Plant]]:
     """Yield friction's parameters, with the dead time if it is free, and plants in the observer's response.
 
@@ -552,14 +542,13 @@ def _plants(
     if problem.nominal_plant is not None:
         yield from [(logs, problem.nominal_plant)] if best is None else []
         return
-    observer = problem.observer_of(problem.free.applied_to(problem.models_around(ANY_PLANT), logs))
-    observed = ObservedStart.of(observer, problem.signals)
+    models = problem.free.applied_to(problem.models_around(ANY_PLANT), logs)
     before = len(best.plant.frequencies) if best is not None and isinstance(best.plant, Modal) else 0
     error = FRICTION_ERRORS[best is not None]
     known: list[Plant] = []
     more = range(before + 1, before + 1 + MORE_MODES)
     for modes in (problem.modes,) if problem.modes is not None else (None, *more):
-        plant, delay = observed.plant(problem.signals, observer, modes, error, DEAD_TIME in problem.free.friction)
+        plant, delay = records.plant(models, modes, error, DEAD_TIME in problem.free.friction)
         if plant not in known and len(plant.frequencies) >= before:
             known.append(plant)
             yield problem.free.with_dead_time(logs, delay, problem.sample_time), plant
