@@ -30,6 +30,8 @@ class MachineDescription:
     """Time [s] without a sign of life after which the machine stops by itself."""
     is_live: bool = True
     """Whether samples arrive while it plays, so that a play can be ended early."""
+    keeps_time: bool = True
+    """Whether its samples are as far apart as the sample time says: a simulation may be faster, or slower."""
 
 
 @dataclass(frozen=True)

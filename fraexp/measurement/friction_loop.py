@@ -178,4 +178,5 @@ def _record_play(
             if not is_over and watch.look(*found):
                 machine.stop()
                 is_over = True
+    machine.await_rest()
     return found

@@ -28,7 +28,7 @@ from fraexp.measurement.point_measurement import (
     UnsettledError,
 )
 from fraexp.measurement.tasks import MeasurementTask
-from fraexp.measurement.watched_machine import WatchedMachine, connect_watched, drive_note
+from fraexp.measurement.watched_machine import WatchedMachine, connect_watched
 
 AMPLITUDE_AFTER_LIMIT, MAX_LOWERED = 0.8, 0.7
 """Part of a limit at which a point is played again that exceeded it, and the greatest factor on its amplitude."""
@@ -120,9 +120,8 @@ class Measurement:
             description = self._machine.description
             check_description(description, self._task)
             plan = planned or plan_measurement(self._task, registry, description.limits, report)
-            note = drive_note(self._settings.machine.name, self._machine.can_disable)
-            if note and planned is None:
-                yield MeasurementNotice(note)
+            for remark in self._machine.remarks(self._settings.machine.name) if planned is None else ():
+                yield MeasurementNotice(remark)
             header = SampleHeader(description.sample_time, {PLAY_COLUMN: "", **description.channels})
             with self._files.open_samples(self._task, header, fresh) as writer:
                 yield from self._all_points(plan, writer, judge)

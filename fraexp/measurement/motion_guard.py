@@ -20,6 +20,8 @@ MAX_CYCLES = 0.4
 """Cycles of the highest frequency in that time at most: with half a cycle a sine differenced would show nothing."""
 OVERRUN_RATIO = 1.1
 """Motion over a limit that follows a stop at most: what goes on beyond that is no consequence of the excitation."""
+LOOKED_AHEAD = ("stroke", "velocity")
+"""What goes on growing while an excitation is stopped: a motion does, near a resonance for long."""
 REST_RATIO = 1e-3
 """Part of the stroke limit by which an axis at rest may move: it creeps, and what stands beside it shakes it."""
 MIN_REST_SAMPLES, REST_PARTS = 60, 4
@@ -77,10 +79,14 @@ class MotionGuard:
         self._was_exceeded = False
         self.rest_force = self.rest_power = 0.0
         """Control input at rest [N], which holds a load, and work of its noise in a sample, without its sign [J]."""
+        self._work = np.zeros(4)  # of excitation and feedback, what excitation and axis exchange, and that of noise [J]
         self.begin(0.0)
 
-    def begin(self, highest_frequency: float) -> None:
-        """Begin a play, of which the highest frequency [Hz] is given.
+    def begin(self, highest_frequency: float, stop_samples: int = 0, expected: Demand = NO_DEMAND) -> None:
+        """Begin a play of a highest frequency [Hz], which goes on for so many samples after a stop.
+
+        A motion that becomes greater than was `expected` may reach a limit in that time, as at a resonance that nobody
+        knows: it is stopped where it would if it grew as fast as it ever did in this play.
 
         The range of positions goes on from those before, but for plays that exceeded a limit: played again with a lower
         amplitude, a point would exceed it at once.
@@ -94,7 +100,9 @@ class MotionGuard:
         self._lag, self._is_slow = lag, highest_frequency <= SLOW_HZ
         self._correction = 1 / float(np.sinc(min(highest_frequency * lag * self._sample_time, MAX_CYCLES)))
         self._last = np.empty((2, 0))
-        self._work = np.zeros(4)  # of excitation and feedback, what excitation and axis exchange, and that of noise [J]
+        self._stop_samples, self._expected = stop_samples, expected
+        begun = NO_DEMAND._replace(stroke=max(self._high - self._low, 0.0))
+        self._course, self._growth = [(0, begun)], NO_DEMAND
         self.of_play = NO_DEMAND
         """The greatest motion and force of this play."""
 
@@ -116,6 +124,7 @@ class MotionGuard:
         found = self._demand(position, force)
         self.of_play = self.of_play.maximum_with(found)
         runaway = None if excitation is None else self._runaway(position, force, excitation)
+        self._follow_growth(chunk.size)
         return runaway or self._exceeded(found)
 
     def nearest(self) -> float:
@@ -126,19 +135,32 @@ class MotionGuard:
             if (allowed := getattr(self.limits, name)) is not None
         )
 
+    def _follow_growth(self, size: int) -> None:
+        """Note by how much the greatest motion grew in the time of a stop, which a chunk delays by its own time."""
+        count = self._course[-1][0] + size
+        self._course.append((count, self.of_play))
+        while self._course[1][0] <= count - self._stop_samples - size:
+            del self._course[0]
+        growth = np.subtract(self.of_play, self._course[0][1])
+        self._growth = self._growth.maximum_with(Demand(*growth.tolist()))
+
     def _exceeded(self, found: Demand) -> MachineError | None:
         share = OVERRUN_RATIO if self._was_exceeded else self.share
         for name, value, unit in zip(Demand._fields, found, DEMAND_UNITS, strict=True):
             allowed = getattr(self.limits, name)
-            if allowed is None or value <= share * allowed:
+            is_ahead = not self._was_exceeded and name in LOOKED_AHEAD and value > getattr(self._expected, name)
+            growth = getattr(self._growth, name) if is_ahead else 0.0
+            if allowed is None or value + growth <= share * allowed:
                 continue
-            parts = (f"the {name.replace('_', ' ')} was ", Quantity(value, unit))
+            parts: tuple[object, ...] = (f"the {name.replace('_', ' ')} was ", Quantity(value, unit))
             if self._was_exceeded:
                 return RunawayError(*parts, f", and rose on while the excitation was stopped: {GAIN_REMEDY}")
             self._was_exceeded = True
+            if value <= share * allowed:
+                parts += (", and may grow by ", Quantity(growth, unit), " until a stop has ended")
             part = "" if share == 1 else f"{share:.0%} of "
             limit = (f"; {part}limits.{name} is ", Quantity(share * allowed, unit))
-            return LimitExceededError(*parts, *limit, reached=self.nearest())
+            return LimitExceededError(*parts, *limit, reached=max(self.nearest(), (value + growth) / allowed))
         return None
 
     def _runaway(
@@ -193,9 +215,10 @@ class MotionGuard:
 class RestWatch:
     """Looks whether an axis that is not excited is at rest, or comes to rest."""
 
-    def __init__(self, limits: MotionLimits, sample_time: float) -> None:
+    def __init__(self, limits: MotionLimits, sample_time: float, stroke_before: float = 0.0) -> None:
+        """Take limits, the sample time [s] and the stroke of the play before [m]: within it an axis may ring on."""
         self._guard, self._sample_time = MotionGuard(limits, sample_time, OVERRUN_RATIO), sample_time
-        self._samples = np.empty((2, 0))
+        self._stroke_before, self._samples = stroke_before, np.empty((2, 0))
 
     @property
     def position(self) -> NDArray[np.float64]:
@@ -219,8 +242,8 @@ class RestWatch:
         fault = self._guard.look(chunk)
         if isinstance(fault, LimitExceededError):
             return RunawayError("the axis moves by itself: without an excitation ", *fault.args, f": {self._remedy}")
-        is_judged = self.position.size >= MIN_REST_SAMPLES and self._moves_far
-        return fault or (self.error() if is_judged and self._growth > RUNAWAY_GROWTH else None)
+        is_judged = self.position.size >= MIN_REST_SAMPLES and np.ptp(self.position) > self._stroke_before
+        return fault or (self.error() if is_judged and self._moves_far and self._growth > RUNAWAY_GROWTH else None)
 
     @property
     def is_at_rest(self) -> bool:

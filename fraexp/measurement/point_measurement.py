@@ -195,7 +195,7 @@ class PointMeasurement:
         period, count, is_over = self._point.period, 0, False
         highest = period.lines[-1] / (period.waveform.size * self._point.sample_time)
         try:
-            for chunk in self._machine.play(self._request, float(highest)):
+            for chunk in self._machine.play(self._request, float(highest), self._point.demand):
                 self._store(chunk)
                 if is_over:
                     continue
@@ -213,8 +213,6 @@ class PointMeasurement:
         is_complete = self._monitor.record_start is not None and self._periods > 0
         if self._stands(is_complete):
             raise self.standstill_error()
-        if not is_complete and self._count < self._request.full_samples:
-            raise ConnectionLostError(f"the play ended after {self._count} of {self._request.samples} samples")
         if not is_complete:
             raise self._unsettled_error()
 

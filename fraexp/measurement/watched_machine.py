@@ -1,5 +1,6 @@
 """A connected machine in SI units, whatever units it counts in, watched from the first sample to the last."""
 
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import replace
@@ -20,13 +21,15 @@ from fraexp.measurement.consent import require_consent
 from fraexp.measurement.measurement_plan import joint_limits
 from fraexp.measurement.motion_guard import LimitExceededError, MotionGuard, RestWatch, RunawayError
 from fraexp.measurement.process_lock import process_lock
-from fraexp.simulation.motion_limits import MotionLimits
+from fraexp.simulation.motion_limits import NO_DEMAND, Demand, MotionLimits
 
 SI_UNITS = {False: {"y": ("m", "a position"), "u": ("N", "a force")}}
 SI_UNITS[True] = {"y": ("rad", "an angle"), "u": ("N m", "a torque")}
 """Unit and quantity of the two channels that are compared with limits, by whether the axis is rotary."""
 REST_S, MAX_RESTS = 0.5, 8
 """Time for which nothing is played before anything is, and how many times it is if the axis still drifts."""
+PACE_RATIO = 1.2
+"""Samples over those that the clock counts meanwhile, or below them, from which a sample time is doubted."""
 DRIVE_OFF = "the drive was switched off"
 NO_DISABLE = "switch the drive off: this machine offers no disable, and a stop ends the excitation alone"
 
@@ -75,20 +78,21 @@ class WatchedMachine:
         """Positions while nothing was played [m], shape (n,)."""
         self.fault: MachineError | None = None
         """What ended the play that runs, or the last one."""
+        self._is_stopped, self._paced, self._elapsed = False, 0, 0.0
 
     @property
     def can_disable(self) -> bool:
         """Whether its drive can be switched off."""
         return self._session.can_disable
 
-    def play(self, request: PlayRequest, highest_frequency: float) -> Iterator[Chunk]:
-        """Play a period whose highest frequency [Hz] is given, and yield what is recorded, to the end of a stop.
+    def play(self, request: PlayRequest, highest_frequency: float, expected: Demand = NO_DEMAND) -> Iterator[Chunk]:
+        """Play a period whose highest frequency [Hz] and motion are given; yield what is recorded, to a stop's end.
 
         What is wrong ends the play, and is raised as soon as all is recorded: LimitExceededError after a stop,
         RunawayError after the drive was switched off.
         """
         self.fault = None
-        self.guard.begin(highest_frequency)
+        self.guard.begin(highest_frequency, request.ramp_out, expected)
         for chunk in self._chunks(request):
             excitation = request.excitation(chunk.start, chunk.start + chunk.size)
             self._end_play(self.guard.look(chunk, excitation))
@@ -100,11 +104,11 @@ class WatchedMachine:
 
     def await_rest(self) -> None:
         """Play nothing until the axis is at rest; RunawayError, and the drive is off, if it moves by itself."""
-        watch = RestWatch(self.guard.limits, self.description.sample_time)
+        watch = RestWatch(self.guard.limits, self.description.sample_time, self.guard.of_play.stroke)
         silence = PlayRequest(0, np.zeros(max(round(REST_S / self.description.sample_time), 1)), 1)
         self.fault = None
         for _ in range(MAX_RESTS if self.description.is_live else 1):
-            for chunk in self._chunks(silence):
+            for chunk in self._paced_chunks(silence):
                 self._end_play(watch.look(chunk))
             self._raise_fault()
             if watch.is_at_rest:
@@ -115,19 +119,49 @@ class WatchedMachine:
         self.rest = watch.position
         self.guard.rest_force, self.guard.rest_power = watch.force, watch.power
 
+    def remarks(self, name: str) -> list[str]:
+        """Return what the user must know of a machine of that name: its drive stays on, or its clock is another one."""
+        found = [drive_note(name, self.can_disable)]
+        expected, rate = 1 / self.description.sample_time, self._paced / max(self._elapsed, 1e-9)
+        if self.description.keeps_time and self._elapsed and not 1 / PACE_RATIO < rate / expected < PACE_RATIO:
+            found.append(
+                f"'{name}' records {rate:.4g} samples per second of the clock, where its sample time means "
+                f"{expected:.4g}: correct loop.sample_time, unless '{name}' is a simulation"
+            )
+        return [*filter(None, found)]
+
+    def _paced_chunks(self, request: PlayRequest) -> Iterator[Chunk]:
+        """Play, and count the samples after the first chunk, and their time by the clock."""
+        begun = None
+        for chunk in self._chunks(request):
+            now = time.monotonic()
+            if begun is not None:
+                self._paced, self._elapsed = self._paced + chunk.size, self._elapsed + now - begun
+            begun = now
+            yield chunk
+
     def stop(self) -> None:
         """Let the excitation go to 0 within the ramp out of the play."""
+        self._is_stopped = True
         self._session.stop()
 
     def _chunks(self, request: PlayRequest) -> Iterator[Chunk]:
-        """Play, and yield what is recorded, in SI units and without gaps."""
-        count = 0
+        """Play, and yield what is recorded, in SI units and without gaps.
+
+        ConnectionLostError if samples are missing: a machine ends a play early when it is stopped, and by nothing else.
+        """
+        count, self._is_stopped = 0, False
         for chunk in self._session.play(replace(request, waveform=request.waveform / self._factors["u"])):
             if chunk.start != count:
                 raise ConnectionLostError(f"samples {count} to {chunk.start} are missing")
             count += chunk.size
             scaled = {name: factor * chunk.channels[name] for name, factor in self._factors.items()}
             yield replace(chunk, channels={**chunk.channels, **scaled})
+        if count < request.samples and not self._is_stopped:
+            raise ConnectionLostError(
+                f"the machine ended the play after {count} of {request.samples} samples, without a stop and without an "
+                "error: check what it can store and play"
+            )
 
     def _end_play(self, fault: MachineError | None) -> None:
         """Stop the play for a fault, and switch the drive off if the axis moves by itself."""
@@ -139,7 +173,7 @@ class WatchedMachine:
             self.fault = RunawayError(*fault.args, f"; {DRIVE_OFF if self.can_disable else NO_DISABLE}")
             if self.can_disable:
                 self._session.disable()
-        self._session.stop()
+        self.stop()
 
     def _raise_fault(self) -> None:
         if self.fault is not None:

@@ -22,7 +22,7 @@ from fraexp.measurement.measurement import Measurement, MeasurementEvent, Measur
 from fraexp.measurement.measurement_plan import PlannedPoint
 from fraexp.measurement.tasks import MeasurementTask
 from fraexp.measurement.unknown_axis import UnknownAxis
-from fraexp.measurement.watched_machine import connect_watched, drive_note
+from fraexp.measurement.watched_machine import connect_watched
 from fraexp.records.study_writer import renew_study
 from fraexp.simulation.motion_limits import MotionLimits
 from fraexp.study.resolution import Resolver
@@ -182,8 +182,8 @@ class AutonomousService:
             self.settings, self._service.folder, self.is_rotary, self.limits, share, self._is_trusted
         ) as machine:
             description = machine.description
-            if note := drive_note(self.settings.machine.name, machine.can_disable):
-                yield MeasurementNotice(note)
+            for remark in machine.remarks(self.settings.machine.name):
+                yield MeasurementNotice(remark)
             if not description.is_live:
                 raise MachineError(
                     f"{self._file}: of an unknown axis nothing can be predicted, and '{self.settings.machine.name}' "

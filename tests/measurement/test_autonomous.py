@@ -138,7 +138,7 @@ def test_a_growing_sine_stops_at_its_share_of_a_limit(tmp_path: Path, components
     session = MasslessSession(force=1e9)  # it stays in presliding: a spring
     found = loop_of(session, limits, tmp_path, components)
     assert not found.has_closed
-    assert 0.09e-3 < np.ptp(session.positions) < 0.1e-3
+    assert 0.08e-3 < np.ptp(session.positions) < 0.09e-3  # what it grows by until a stop has ended stays free
 
 
 def test_an_axis_that_does_not_move_is_refused(tmp_path: Path, components: Registry) -> None:
@@ -229,7 +229,7 @@ def test_a_stroke_that_was_exceeded_does_not_count_for_the_next_play() -> None:
     guard.begin(0.0)
     assert "stroke" in str(guard.look(chunk_to(2e-3)))
     guard.begin(0.0)
-    assert guard.look(chunk_to(0.6e-3)) is None
+    assert guard.look(chunk_to(0.45e-3)) is None
     guard.begin(0.0)
     assert "stroke" in str(guard.look(chunk_to(-0.6e-3)))  # but that of a play within the limits does
 

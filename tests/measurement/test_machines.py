@@ -104,20 +104,6 @@ def measured_in(workspace: WorkspaceService, units: str, text: str, *overrides: 
     return [each.measured.point for each in service.measure_points(True) if isinstance(each, PointEstimated)]
 
 
-NOISE = """
-import random, sys
-random.seed(1)
-for line in open(sys.argv[1]):
-    print(f"{5e-7 * round(random.gauss(0, 0.4))!r},{line.strip()}")
-"""
-
-
-def test_noise_is_no_motion(workspace: WorkspaceService, monkeypatch: Any) -> None:
-    monkeypatch.chdir(workspace.folder)
-    with refused(MachineError, "100 Hz", "40 N", "excitation.amplitude"):
-        measured_in(workspace, '["m", "N"]', NOISE)
-
-
 def test_limits_count_in_whatever_units_a_machine_has(workspace: WorkspaceService, monkeypatch: Any) -> None:
     monkeypatch.chdir(workspace.folder)
     plain = PROGRAM.format(step=0.0005).replace("2.0", "7.6")

@@ -16,7 +16,7 @@ from fraexp.cli.main import main
 from fraexp.data.results import Result
 from fraexp.data.sample_file import read_header
 from fraexp.errors import FraexpError, MachineError, ParameterError, PlanError, StudyError
-from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice, gathered
+from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice
 from fraexp.measurement.measurement_plan import plan_measurement
 from fraexp.simulation.experiment_run import LiveLoop
 from fraexp.simulation.motion_limits import Demand
@@ -261,24 +261,15 @@ def test_noise_that_the_study_does_not_state_is_named_where_it_keeps_a_point_fro
     assert [word in text for text in found] == ([True] if word else [])
 
 
-def test_notes_of_a_play_are_one_line() -> None:
-    notes = ["samples from 50 on were asked for again", "the connection was cut at sample 60"]
-    assert gathered(notes) == [f"{notes[0]} (and 1 more)"]
-    assert gathered([]) == []
-
-
 STUCK = 'measurement.machine.friction={name="coulomb", coulomb_force=500}'
 NO_ENCODER = ("loop.noise=0", "loop.resolution=0", "measurement.band=0.1")
 
 
-def test_an_axis_that_does_not_move_is_said_not_to(workspace: WorkspaceService) -> None:
-    few = ("excitation.frequencies=[100.0]", "measurement.attempts=2")
-    with refused(MachineError, "100 Hz", "excitation.amplitude"):
-        measure(workspace, *few, STUCK, *NO_ENCODER)
-
-
-def test_with_noise_too_a_brake_ends_the_measurement_at_the_first_point(workspace: WorkspaceService) -> None:
-    service = MeasurementService(workspace, "axis", [STUCK])
+@pytest.mark.parametrize("encoder", [(), NO_ENCODER])
+def test_an_axis_that_does_not_move_ends_the_measurement_at_the_first_point(
+    workspace: WorkspaceService, encoder: tuple[str, ...]
+) -> None:
+    service = MeasurementService(workspace, "axis", [STUCK, *encoder])
     with refused(MachineError, "100 Hz", "excitation.amplitude"):
         list(service.measure_points())
     assert service.files(service.tasks[0]).points() == []  # it is measured once the brake is released

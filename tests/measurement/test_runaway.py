@@ -5,11 +5,13 @@ import shutil
 import socket
 import subprocess
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
-from fraexp.errors import MachineError
+from fraexp.errors import ConnectionLostError, MachineError
+from fraexp.measurement.measurement import MeasurementNotice
 from fraexp.measurement.motion_guard import RunawayError
 from fraexp.workspace.autonomous_service import AutonomousService
 from fraexp.workspace.measurement_service import MeasurementService
@@ -65,6 +67,15 @@ def _disable(self):
 
 Session.disable = _disable
 """
+CUT_SHORT = """
+def _shorter(self, request, play=Session.play):
+    for chunk in play(self, request):
+        if chunk.start >= 2000:
+            return
+        yield chunk
+
+Session.play = _shorter
+"""
 Serve = Callable[[str, str], tuple[int, Path]]
 
 
@@ -88,9 +99,9 @@ def serve(axis_program: Path, tmp_path: Path) -> Iterator[Serve]:
         process.wait()
 
 
-def workspace_of_axis(folder: Path, port: int, *, offers_disable: bool) -> WorkspaceService:
+def workspace_of_axis(folder: Path, port: int, more: str = DISABLE) -> WorkspaceService:
     (folder / "plugins").mkdir()
-    client = (AXES / "axisnet.py").read_text(encoding="utf-8") + (DISABLE if offers_disable else "")
+    client = (AXES / "axisnet.py").read_text(encoding="utf-8") + more
     (folder / "plugins" / "axisnet.py").write_text(client, encoding="utf-8")
     text = 'title = "x"\n[loop]\nsample_time = 5e-4\n[limits]\n' + "".join(f"{k} = {v}\n" for k, v in LIMITS.items())
     return workspace_with(f'{text}[measurement]\nmachine = {{ name = "axisnet", port = {port} }}\n', folder)
@@ -116,7 +127,7 @@ def test_an_axis_that_runs_away_is_switched_off_within_its_limits(
 ) -> None:
     """Without cogging friction holds the axis of the wrong sign, and the excitation is the first to move it."""
     port, log = serve(name, more)
-    service = AutonomousService(workspace_of_axis(tmp_path, port, offers_disable=True), "axis")
+    service = AutonomousService(workspace_of_axis(tmp_path, port), "axis")
     with refused(RunawayError, remedy, "switched off"):
         list(service.measure())
     assert bool(service.files.samples.exists()) == excited
@@ -126,6 +137,21 @@ def test_an_axis_that_runs_away_is_switched_off_within_its_limits(
 
 def test_where_a_drive_cannot_be_switched_off_the_user_is_told_to(serve: Serve, tmp_path: Path) -> None:
     port, _ = serve("unstable", "")
-    service = AutonomousService(workspace_of_axis(tmp_path, port, offers_disable=False), "axis")
+    service = AutonomousService(workspace_of_axis(tmp_path, port, ""), "axis")
     with refused(MachineError, "disable"):
         list(service.measure())
+
+
+def test_a_play_that_ends_early_is_no_standstill(serve: Serve, tmp_path: Path) -> None:
+    """While the first sine is below friction the axis stands; what is missing of it says nothing of the limits."""
+    port, _ = serve("a_linmot", "")
+    service = AutonomousService(workspace_of_axis(tmp_path, port, CUT_SHORT), "axis")
+    with refused(ConnectionLostError, "2000 of 48100"):
+        list(service.measure())
+
+
+def test_samples_that_come_at_half_the_stated_rate_are_noticed(serve: Serve, tmp_path: Path) -> None:
+    port, _ = serve("a_linmot", "Ts 1e-3\nTd 0\n")
+    service = AutonomousService(workspace_of_axis(tmp_path, port), "axis")
+    with closing(service.measure()) as events:
+        assert any(isinstance(event, MeasurementNotice) and "loop.sample_time" in event.what for event in events)

@@ -93,7 +93,9 @@ class SimulatedSession(MachineSession):
         self._stream = FrameStream(socket.create_connection(("127.0.0.1", self._port)))
         self._early: dict[int, NDArray[np.float64]] = {}
         self._is_playing, self._plays = False, 0
-        self._description = MachineDescription(self._units, loop["sample_time"], machine.limits, machine.watchdog)
+        self._description = MachineDescription(
+            self._units, loop["sample_time"], machine.limits, machine.watchdog, keeps_time=False
+        )
 
     @property
     def description(self) -> MachineDescription:
