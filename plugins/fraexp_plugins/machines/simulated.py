@@ -25,7 +25,7 @@ from fraexp.api import (
     param,
     workspace_path,
 )
-from fraexp_plugins.machines._shared.axis_server import FrameStream, Message
+from fraexp_plugins.machines._shared.axis_server import Message, MessageStream
 
 PATIENCE_SHARE = 0.3
 """Part of the watchdog's time after which what is missing is asked for again."""
@@ -90,7 +90,7 @@ class SimulatedSession(MachineSession):
             start_new_session=True,  # Ctrl-C is for whoever measures, who lets the machine come to rest
         )
         self._port = self._start(order)
-        self._stream = FrameStream(socket.create_connection(("127.0.0.1", self._port)))
+        self._stream = MessageStream(socket.create_connection(("127.0.0.1", self._port)))
         self._early: dict[int, NDArray[np.float64]] = {}
         self._is_playing, self._plays = False, 0
         self._description = MachineDescription(
@@ -204,7 +204,7 @@ class SimulatedSession(MachineSession):
         until = time.monotonic() + self._machine.watchdog
         while time.monotonic() < until:
             try:
-                self._stream = FrameStream(socket.create_connection(("127.0.0.1", self._port)))
+                self._stream = MessageStream(socket.create_connection(("127.0.0.1", self._port)))
                 return f"the connection was cut at sample {expected}, and resumed there"
             except OSError:
                 time.sleep(RECONNECT_INTERVAL_S)

@@ -8,10 +8,10 @@ import json
 import random
 import select
 import socket
-import struct
 import sys
 import time
 from collections import deque
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -20,54 +20,31 @@ from numpy.typing import NDArray
 
 from fraexp.api import LiveLoop, PlayRequest, live_setup
 
-LENGTHS = struct.Struct("<II")
-"""What a message begins with: the lengths of its table and of its numbers."""
-RECEIVE_SIZE = 1 << 20
-"""Bytes that are received at once."""
 Message = tuple[dict[str, Any], NDArray[np.float64]]
 
 
-class FrameStream:
-    """A socket that carries messages; ConnectionError when it is closed."""
+class MessageStream:
+    """A socket that carries tables with numbers; ConnectionError when it is closed."""
 
     def __init__(self, connection: socket.socket) -> None:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.socket = connection
-        self._buffer = bytearray()
-        self._complete: deque[Message] = deque()
+        self.connection = Connection(connection.detach())
+        self.close = self.connection.close
 
     def send(self, table: dict[str, Any], numbers: NDArray[np.float64] | None = None) -> None:
         """Send a message."""
-        text = json.dumps(table).encode()
-        payload = b"" if numbers is None else np.ascontiguousarray(numbers, "<f8").tobytes()
-        self.socket.sendall(LENGTHS.pack(len(text), len(payload)) + text + payload)
+        self.connection.send_bytes(json.dumps(table).encode())
+        self.connection.send_bytes(b"" if numbers is None else np.ascontiguousarray(numbers, "<f8").tobytes())
 
     def receive(self, timeout: float) -> Message | None:
-        """Return the next message, or None if none is complete within `timeout` [s]."""
-        while not self._complete:
-            if not select.select([self.socket], [], [], timeout)[0]:
+        """Return the next message, or None if none comes within `timeout` [s]."""
+        try:
+            if not self.connection.poll(timeout):
                 return None
-            received = self.socket.recv(RECEIVE_SIZE)
-            if not received:
-                raise ConnectionError("closed by the other side")
-            self._buffer += received
-            self._split()
-        return self._complete.popleft()
-
-    def _split(self) -> None:
-        """Take complete messages from the buffer."""
-        while len(self._buffer) >= LENGTHS.size:
-            text, numbers = LENGTHS.unpack_from(self._buffer)
-            end = LENGTHS.size + text + numbers
-            if len(self._buffer) < end:
-                return
-            body = bytes(self._buffer[LENGTHS.size : end])
-            del self._buffer[:end]
-            self._complete.append((json.loads(body[:text]), np.frombuffer(body[text:], "<f8").copy()))
-
-    def close(self) -> None:
-        """Close the socket."""
-        self.socket.close()
+            table, numbers = self.connection.recv_bytes(), self.connection.recv_bytes()
+        except EOFError:
+            raise ConnectionError("closed by the other side") from None
+        return json.loads(table), np.frombuffer(numbers, "<f8").copy()
 
 
 TICK_S = 0.002
@@ -126,7 +103,7 @@ class AxisServer:
         self._loop.play(np.zeros(8))  # its law is compiled before the machine says that it is ready
         self._loop = LiveLoop(self._setup)
         self._random = random.Random(order["seed"])
-        self._stream: FrameStream | None = None
+        self._stream: MessageStream | None = None
         self._play: AxisPlay | None = None
         self._outbox: deque[tuple[float, dict[str, Any], NDArray[np.float64] | None]] = deque()
         self._heard = self._connected = time.monotonic()
@@ -151,18 +128,21 @@ class AxisServer:
 
     def _hear(self) -> None:
         """Accept a connection, and handle all messages that have arrived."""
-        sources = [self._listener, *([self._stream.socket] if self._stream else [])]
+        sources: list[socket.socket | Connection] = [
+            self._listener,
+            *([self._stream.connection] if self._stream else []),
+        ]
         wait = 0.0 if self._is_behind() else TICK_S
         ready, _, _ = select.select(sources, [], [], wait)
         if self._listener in ready:
             self._disconnect()
-            self._stream, self._heard = FrameStream(self._listener.accept()[0]), time.monotonic()
-        if self._stream is not None and self._stream.socket in ready:
+            self._stream, self._heard = MessageStream(self._listener.accept()[0]), time.monotonic()
+        if self._stream is not None and self._stream.connection in ready:
             try:
                 while message := self._stream.receive(0.0):
                     self._heard = time.monotonic()
                     self._answer(message)
-            except (ConnectionError, OSError):
+            except OSError:
                 self._disconnect()
 
     def _disconnect(self) -> None:
@@ -269,7 +249,7 @@ class AxisServer:
             while self._stream and self._outbox and self._outbox[0][0] <= time.monotonic():
                 _, table, numbers = self._outbox.popleft()
                 self._stream.send(table, numbers)
-        except (ConnectionError, OSError):
+        except OSError:
             self._disconnect()
 
 
