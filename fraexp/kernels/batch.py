@@ -181,10 +181,7 @@ def _enter_next_stage(k: int, batch: BatchArrays, pool: NDArray[np.float64]) -> 
         _begin_next_job(k, batch)
         return True
     if lane.stage == SETTLE:
-        is_settled = job.window == 0 or end_window(
-            numbers, batch.linear_rows, batch.rest_rows, batch.window_states[k], batch.window_numbers[k],
-            batch.saved_memory[k], history[k], cursors[FILL_COUNT, k], job, lane,
-        )  # fmt: skip
+        is_settled = job.window == 0 or end_window(k, batch, job, lane)
         if is_settled or lane.elapsed >= job.settling_limit:
             result.status = SETTLED if is_settled else NOT_SETTLED
             result.residual, result.windows = lane.difference, lane.windows

@@ -260,8 +260,8 @@ def make_block(
             for i in range(extra_rows):  # contacts hold velocities
                 trace[first_displacement + i * TRACE_SAMPLES + done] = linear[forces + positions + n + i]
             current = take_steps(
-                linear, compliance, durations, m, contact, z, states, current, time_step, arguments, last_call
-            )  # fmt: skip
+                (linear, compliance, durations, m, contact, z, states, current, time_step, arguments, last_call)
+            )
             # Next measurements and next state: the free part, and what the forces of all steps add.
             for k in range(positions):
                 newest = k * (output_delay + 1)

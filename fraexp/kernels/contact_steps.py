@@ -26,9 +26,16 @@ from fraexp.kernels.stick_slip import (
     CONTACT_STIFFNESS,
     TRIAL,
     TRIAL_FORCE,
+    ContactStep,
     make_stick_slip,
 )
 
+SampleSteps = tuple[
+    LaneRows, LaneRows, LaneRows, int, LaneRows, int, int, int, float, tuple[LawArgument, ...], LaneRows
+]
+"""What the steps of a sample take: the linear part of the displacements, compliances, durations of the steps, their
+number, the contacts, address of the laws' memory, states in it, which half is current, duration of each step where they
+are equal [s], the laws' arguments, and the last call."""
 MAX_TURNS = 1000
 """Turns of solving all contacts, each with the others' forces held."""
 
@@ -41,19 +48,8 @@ def make_steps(law: Law, is_set_valued: tuple[bool, ...], layout: LaneLayout, is
     take_step = _step_maker(layout, *is_set_valued)(make_observed(law, FRICTION) if is_observed else law)
 
     @compiled(forceinline=True, **COMPILER_OPTIONS)
-    def take_steps(
-        linear: LaneRows,
-        compliance: LaneRows,
-        durations: LaneRows,
-        steps: int,
-        contact: LaneRows,
-        memory: int,
-        states: int,
-        current: int,
-        time_step: float,
-        arguments: tuple[LawArgument, ...],
-        last_call: LaneRows,
-    ) -> int:
+    def take_steps(sample: SampleSteps) -> int:
+        linear, compliance, _, steps, contact, memory, states, current, time_step, arguments, last_call = sample
         half_bytes = DOUBLE_BYTES * width * (states + GUARD_ROWS)
         displacement, force = contact[CONTACT_DISPLACEMENT], contact[CONTACT_FORCE]
         previous_force, stiffness = contact[CONTACT_PREVIOUS_FORCE], contact[CONTACT_STIFFNESS]
@@ -68,10 +64,10 @@ def make_steps(law: Law, is_set_valued: tuple[bool, ...], layout: LaneLayout, is
                 last_call[CALL_HALF] = current
             z = present_view(memory + current * half_bytes, states)
             z_next = state_view(memory + (1 - current) * half_bytes, states)
+            before = force, previous_force, displacement, stiffness
             next_force, displacement, stiffness = take_step(
-                free_displacement, gain, time_step, z, z_next, arguments,
-                force, previous_force, displacement, stiffness,
-            )  # fmt: skip
+                free_displacement, gain, (z, z_next, time_step, arguments), before
+            )
             previous_force, force = force, next_force
             linear[j] = force
             current = 1 - current
@@ -100,19 +96,8 @@ def _make_coupled_steps(law: Law, is_set_valued: tuple[bool, ...], layout: LaneL
     duration_of = _own_duration if any(is_set_valued) else _equal_duration
 
     @compiled(forceinline=True, **COMPILER_OPTIONS)
-    def take_steps(
-        linear: LaneRows,
-        compliance: LaneRows,
-        durations: LaneRows,
-        steps: int,
-        contact: LaneRows,
-        memory: int,
-        states: int,
-        current: int,
-        time_step: float,
-        arguments: tuple[LawArgument, ...],
-        last_call: LaneRows,
-    ) -> int:
+    def take_steps(sample: SampleSteps) -> int:
+        linear, compliance, durations, steps, contact, memory, states, current, time_step, arguments, _ = sample
         half_bytes, row = DOUBLE_BYTES * width * (states + GUARD_ROWS), steps * contacts
         for j in range(steps):
             first = j * contacts
@@ -124,7 +109,7 @@ def _make_coupled_steps(law: Law, is_set_valued: tuple[bool, ...], layout: LaneL
             z = present_view(memory + current * half_bytes, states)
             z_next = state_view(memory + (1 - current) * half_bytes, states)
             duration = duration_of(durations, j, time_step)
-            solve(linear, first, compliance, row, contact, z, z_next, duration, arguments)
+            solve((linear, first, compliance, row, contact, z, z_next, duration, arguments))
             for c in range(contacts):
                 at = c * CONTACT_ROWS
                 contact[at + CONTACT_PREVIOUS_FORCE] = contact[at + CONTACT_FORCE]
@@ -160,17 +145,7 @@ def _predict(linear: LaneRows, first: int, compliance: LaneRows, row: int, conta
 
 
 @compiled(forceinline=True)
-def _no_stick_slip(
-    linear: LaneRows,
-    first: int,
-    compliance: LaneRows,
-    row: int,
-    contact: LaneRows,
-    z: LaneRows,
-    z_next: LaneRows,
-    time_step: float,
-    arguments: tuple[LawArgument, ...],
-) -> None:
+def _no_stick_slip(step: ContactStep) -> None:
     return None
 
 
@@ -178,17 +153,8 @@ def _make_explicit_contacts(law: Law, contacts: int) -> Callable[..., None]:
     """Return the step of several contacts in lanes: each law once, at the predicted displacement."""
 
     @compiled(forceinline=True, **COMPILER_OPTIONS)
-    def solve(
-        linear: LaneRows,
-        first: int,
-        compliance: LaneRows,
-        row: int,
-        contact: LaneRows,
-        z: LaneRows,
-        z_next: LaneRows,
-        time_step: float,
-        arguments: tuple[LawArgument, ...],
-    ) -> None:
+    def solve(step: ContactStep) -> None:
+        linear, first, compliance, row, contact, z, z_next, time_step, arguments = step
         _predict(linear, first, compliance, row, contact, contacts)
         for c in range(contacts):
             at = c * CONTACT_ROWS
@@ -217,24 +183,15 @@ def _make_implicit_contacts(law: Law, is_set_valued: tuple[bool, ...]) -> Callab
     implicit_step = make_implicit_step(at_contact)
 
     @compiled(forceinline=True, **COMPILER_OPTIONS)
-    def solve(
-        linear: LaneRows,
-        first: int,
-        compliance: LaneRows,
-        row: int,
-        contact: LaneRows,
-        z: LaneRows,
-        z_next: LaneRows,
-        time_step: float,
-        arguments: tuple[LawArgument, ...],
-    ) -> None:
+    def solve(step: ContactStep) -> None:
+        linear, first, compliance, row, contact, z, z_next, time_step, arguments = step
         for c in range(contacts):
             at = c * CONTACT_ROWS
             contact[at + TRIAL] = np.inf
             contact[at + TRIAL_FORCE] = 2.0 * contact[at + CONTACT_FORCE] - contact[at + CONTACT_PREVIOUS_FORCE]
         for _ in range(MAX_TURNS):
             is_moving = False
-            stick_slip(linear, first, compliance, row, contact, z, z_next, time_step, arguments)
+            stick_slip(step)
             for c in range(contacts):
                 if is_set_valued[c]:
                     continue
@@ -244,10 +201,9 @@ def _make_implicit_contacts(law: Law, is_set_valued: tuple[bool, ...]) -> Callab
                     if k != c:
                         free_displacement += compliance[here + k] * contact[k * CONTACT_ROWS + TRIAL_FORCE]
                 force, displacement = contact[at + CONTACT_FORCE], contact[at + CONTACT_DISPLACEMENT]
-                next_force, y, stiffness = implicit_step(
-                    free_displacement, -compliance[here + c], time_step, z, z_next, (c, arguments),
-                    force, 2.0 * force - contact[at + TRIAL_FORCE], displacement, contact[at + CONTACT_STIFFNESS],
-                )  # fmt: skip
+                before = force, 2.0 * force - contact[at + TRIAL_FORCE], displacement, contact[at + CONTACT_STIFFNESS]
+                given = z, z_next, time_step, (c, arguments)
+                next_force, y, stiffness = implicit_step(free_displacement, -compliance[here + c], given, before)
                 contact[at + TRIAL], contact[at + TRIAL_FORCE] = y, next_force
                 contact[at + CONTACT_STIFFNESS] = stiffness
                 is_moving = is_moving or abs(y - trial) > 1e-7 * abs(y - displacement) + 1e-17

@@ -15,13 +15,19 @@ from fraexp.kernels.lanes import LaneRows, LaneValue
 from fraexp.kernels.law import Law
 from fraexp.kernels.law_arguments import LawArgument
 
+LawInput = tuple[LaneRows, LaneRows, float, tuple[LawArgument, ...]]
+"""What a law takes beside its motion: present and next state, duration of the step [s], arguments."""
+StepBefore = tuple[LaneValue, LaneValue, LaneValue, LaneValue]
+"""Where the step before ended: its force and that before it [N], displacement [m] or velocity [m/s], stiffness."""
+StepEnd = tuple[LaneValue, LaneValue, LaneValue]
+"""Force [N], displacement [m] or velocity [m/s], and local stiffness [N/m] at the end of a step."""
 MAX_ITERATIONS = 60
 """Iterations of the implicit step: bisection alone halves the bracket below rounding within these."""
 REST_DISPLACEMENT_M = 1e-30
 """Motion in a step that counts as rest, but has a direction."""
 
 
-def make_explicit_step(law: Law) -> Callable[..., tuple[LaneValue, LaneValue, LaneValue]]:
+def make_explicit_step(law: Law) -> Callable[..., StepEnd]:
     """Return the step in lanes: force [N], displacement [m] and stiffness [N/m] at its end.
 
     The law is evaluated once, at the displacement that the extrapolated force predicts: all lanes take the same path,
@@ -29,25 +35,15 @@ def make_explicit_step(law: Law) -> Callable[..., tuple[LaneValue, LaneValue, La
     """
 
     @compiled(forceinline=True, **COMPILER_OPTIONS)
-    def explicit_step(
-        free_displacement: LaneValue,
-        gain: float,
-        time_step: float,
-        z: LaneRows,
-        z_next: LaneRows,
-        arguments: tuple[LawArgument, ...],
-        force: LaneValue,
-        previous_force: LaneValue,
-        displacement: LaneValue,
-        stiffness: LaneValue,
-    ) -> tuple[LaneValue, LaneValue, LaneValue]:
+    def explicit_step(free_displacement: LaneValue, gain: float, given: LawInput, before: StepBefore) -> StepEnd:
+        (z, z_next, time_step, arguments), (force, previous_force, displacement, stiffness) = given, before
         y = free_displacement - gain * (2.0 * force - previous_force)
         return law(z, y - displacement, time_step, z_next, *arguments), y, stiffness
 
     return explicit_step
 
 
-def make_implicit_step(law: Law) -> Callable[..., tuple[LaneValue, LaneValue, LaneValue]]:
+def make_implicit_step(law: Law) -> Callable[..., StepEnd]:
     """Return the step of one machine, which finds the root of r(y) = y − a + g·f(y): force, displacement, stiffness.
 
     The law does not fall with displacement, so that the slope of r is 1 or more and there is one root. The secant
@@ -56,18 +52,8 @@ def make_implicit_step(law: Law) -> Callable[..., tuple[LaneValue, LaneValue, La
     """
 
     @compiled(forceinline=True, **COMPILER_OPTIONS)
-    def implicit_step(
-        free_displacement: LaneValue,
-        gain: float,
-        time_step: float,
-        z: LaneRows,
-        z_next: LaneRows,
-        arguments: tuple[LawArgument, ...],
-        force: LaneValue,
-        previous_force: LaneValue,
-        displacement: LaneValue,
-        stiffness: LaneValue,
-    ) -> tuple[LaneValue, LaneValue, LaneValue]:
+    def implicit_step(free_displacement: LaneValue, gain: float, given: LawInput, before: StepBefore) -> StepEnd:
+        (z, z_next, time_step, arguments), (force, previous_force, displacement, stiffness) = given, before
         y = free_displacement - gain * (2.0 * force - previous_force)
         next_force = law(z, y - displacement, time_step, z_next, *arguments)
         residual = y - free_displacement + gain * next_force
@@ -96,7 +82,7 @@ def make_implicit_step(law: Law) -> Callable[..., tuple[LaneValue, LaneValue, La
     return implicit_step
 
 
-def make_set_valued_step(law: Law) -> Callable[..., tuple[LaneValue, LaneValue, LaneValue]]:
+def make_set_valued_step(law: Law) -> Callable[..., StepEnd]:
     """Return the step of a law of velocity that jumps at rest: mean force [N], velocity [m/s] at the end, stiffness.
 
     The machine slides on, or comes to rest within the step; then it sticks if friction can balance the thrust, and
@@ -107,18 +93,8 @@ def make_set_valued_step(law: Law) -> Callable[..., tuple[LaneValue, LaneValue, 
     """
 
     @compiled(forceinline=True, **COMPILER_OPTIONS)
-    def set_valued_step(
-        free_velocity: LaneValue,
-        gain: float,
-        time_step: float,
-        z: LaneRows,
-        z_next: LaneRows,
-        arguments: tuple[LawArgument, ...],
-        force: LaneValue,
-        previous_force: LaneValue,
-        velocity: LaneValue,
-        stiffness: LaneValue,
-    ) -> tuple[LaneValue, LaneValue, LaneValue]:
+    def set_valued_step(free_velocity: LaneValue, gain: float, given: LawInput, before: StepBefore) -> StepEnd:
+        (z, z_next, time_step, arguments), (_, _, velocity, stiffness) = given, before
         balance = (free_velocity - velocity) / gain  # the friction force that would keep the velocity
         way = where(velocity > 0.0, 1.0, where(velocity < 0.0, -1.0, where(balance > 0.0, 1.0, -1.0)))
         # Sliding on, at the mean velocity that the force at the beginning predicts.

@@ -83,13 +83,24 @@ class PrescribedMotion(Protocol):
         """Its time step [s]."""
 
 
-class _Samples(NamedTuple):
-    """All motions, one after another."""
+class _DrivenArrays(NamedTuple):
+    """What compiled code drives along motions."""
 
     displacement: NDArray[np.float64]
-    """Lead-in and displacement of each motion [m], then zeros for lanes without one."""
-    motions: NDArray[np.void]
-    """Shape (motions,) of `DrivenMotion`."""
+    """Lead-in and displacement of each motion [m], one after another, then zeros for lanes without one."""
+    motions: StructArray[DrivenMotion]
+    """Shape (motions,)."""
+    lanes: StructArray[DrivenLane]
+    cursors: NDArray[np.int64]
+    """For each lane, the sample at which it reads its displacement and writes its force."""
+    memory: NDArray[np.float64]
+    """Rows of the law's state, twice, with guards around."""
+    motion: NDArray[np.float64]
+    """MOTION_ROWS of each lane."""
+    force: NDArray[np.float64]
+    """Force along all motions [N]."""
+    rest_rows: NDArray[np.int64]
+    """Rows of `memory` that are 0 at rest."""
 
 
 def friction_forces(
@@ -114,25 +125,26 @@ def friction_forces(
     set_guards(memory)
     numbers, last_call = flatten_arguments(arguments), np.zeros(CALL_NUMBERS)
     sizes = np.array(argument_sizes(arguments), dtype=np.int64)
-    arrays: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {
+    addressed: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {
         "memory": memory[GUARD_ROWS:], "motion": motion, "displacement": displacement, "force": force,
         "cursors": cursors, "arguments": numbers, "argument_sizes": sizes, "last_call": last_call,
     }  # fmt: skip
     frame = np.zeros(1, FRAME_DTYPE)
     frame["states"] = states
-    for name, array in arrays.items():
+    for name, array in addressed.items():
         frame[name] = array.ctypes.data
     block = function_address(compiled_block(law, argument_kinds(arguments), layout))
-    drive, rest_rows = _compiled_drive(), np.flatnonzero(~guarded_rows(states))
+    arrays = _DrivenArrays(
+        displacement, driven, lanes, cursors, memory, motion, force, np.flatnonzero(~guarded_rows(states))
+    )
+    drive = _compiled_drive()
     first = FIRST_BUILT_IN_STEPS if is_all_built_in(law) else FIRST_CALL_WORK
     budget, is_done = CallBudget(MAX_CALL_SAMPLES, law, first), False
     observed = last_call if _is_observed(law, is_vectorised) else None
     while not is_done:
         with watched_call(law, lambda: _last_call(memory, observed)), budget.measure() as samples:
             try:
-                is_done = drive(
-                    block, frame, displacement, driven, lanes, cursors, memory, motion, force, rest_rows, samples
-                )
+                is_done = drive(block, frame, arrays, samples)
             except Exception as error:  # an index that is out of bounds, or whatever a law raises
                 reason = f"{type(error).__name__}: {error}"
                 raise LawCallError(reason, law, _last_call(memory, observed)) from error
@@ -186,7 +198,8 @@ def _is_observed(law: Law, is_vectorised: bool) -> bool:
     return not (is_vectorised or is_all_built_in(law))
 
 
-def _concatenate_motions(motions: Sequence[PrescribedMotion]) -> _Samples:
+def _concatenate_motions(motions: Sequence[PrescribedMotion]) -> tuple[NDArray[np.float64], NDArray[np.void]]:
+    """Return the displacement of all motions, one after another, and where each of them is."""
     parts, used = [], 0
     driven = np.zeros(len(motions), MOTION_DTYPE)
     for index, motion in enumerate(motions):
@@ -196,7 +209,7 @@ def _concatenate_motions(motions: Sequence[PrescribedMotion]) -> _Samples:
         driven[index] = (used, lead_in.size, displacement.size, max_passes, motion.lead_in_step, motion.time_step)
         used += lead_in.size + displacement.size + 1
     parts.append(np.zeros(max(part.size for part in parts) + 1))
-    return _Samples(np.concatenate(parts, dtype=float), driven)
+    return np.concatenate(parts, dtype=float), driven
 
 
 def _make_block(
@@ -235,34 +248,20 @@ def _compiled_drive() -> Dispatcher:
     return compile_kernel("motions", kernel_source_hash(), lambda: _drive, _DRIVE_SIGNATURE, error_model="numpy")
 
 
-def _drive(
-    block: int,
-    frames: StructArray[DrivenFrame],
-    displacement: NDArray[np.float64],
-    motions: StructArray[DrivenMotion],
-    lanes: StructArray[DrivenLane],
-    cursors: NDArray[np.int64],
-    memory: NDArray[np.float64],
-    motion: NDArray[np.float64],
-    force: NDArray[np.float64],
-    rest_rows: NDArray[np.int64],
-    budget: int,
-) -> bool:
+def _drive(block: int, frames: StructArray[DrivenFrame], arrays: _DrivenArrays, budget: int) -> bool:
     """Run blocks of samples, each as long as no lane needs a decision; return whether all motions are done.
 
     It returns after `budget` samples as well, to be called again.
     """
-    frame, width = frames[0], lanes.size
+    frame, lanes, width = frames[0], arrays.lanes, arrays.lanes.size
     while True:
         samples, is_busy = budget, False
         for k in range(width):
             lane = lanes[k]
             while lane.remaining == 0:
-                frame.next_motion = _enter_next_stage(
-                    k, frame.next_motion, motions, lane, displacement, memory, motion, force, rest_rows
-                )
+                frame.next_motion = _enter_next_stage(k, frame.next_motion, arrays)
             samples = min(samples, lane.remaining)
-            cursors[k] = lane.sample
+            arrays.cursors[k] = lane.sample
             is_busy = is_busy or lane.stage != IDLE
         if not is_busy:
             return True
@@ -278,18 +277,10 @@ def _drive(
 
 
 @compiled()
-def _enter_next_stage(
-    k: int,
-    next_motion: int,
-    motions: StructArray[DrivenMotion],
-    lane: DrivenLane,
-    displacement: NDArray[np.float64],
-    memory: NDArray[np.float64],
-    motion: NDArray[np.float64],
-    force: NDArray[np.float64],
-    rest_rows: NDArray[np.int64],
-) -> int:
+def _enter_next_stage(k: int, next_motion: int, arrays: _DrivenArrays) -> int:
     """Take lane k from lead-in to motion, to another pass of it, or to the next motion; return the one after that."""
+    displacement, motions, lanes, _, memory, motion, force, rest_rows = arrays
+    lane = lanes[k]
     driven = motions[lane.motion]
     first = driven.first_sample + driven.lead_in
     if lane.stage == LEAD_IN:
@@ -333,8 +324,10 @@ def _is_periodic(force: NDArray[np.float64], first: int, size: int) -> bool:
 
 _BLOCK_SIGNATURE = (struct_array_type(FRAME_DTYPE),)
 _DRIVE_SIGNATURE = (
-    types.int64, *_BLOCK_SIGNATURE, float_array_type(1), struct_array_type(MOTION_DTYPE),
-    struct_array_type(LANE_DTYPE), types.Array(types.int64, 1, "C"), float_array_type(2), float_array_type(2),
-    float_array_type(1), types.Array(types.int64, 1, "C"), types.int64,
+    types.int64, *_BLOCK_SIGNATURE, types.NamedTuple((
+        float_array_type(1), struct_array_type(MOTION_DTYPE), struct_array_type(LANE_DTYPE),
+        types.Array(types.int64, 1, "C"), float_array_type(2), float_array_type(2), float_array_type(1),
+        types.Array(types.int64, 1, "C"),
+    ), _DrivenArrays), types.int64,
 )  # fmt: skip
-"""Types of `_drive`'s arguments: the block's address, and the rest."""
+"""Types of `_drive`'s arguments."""

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.kernels.batch_arrays import LoopJob, LoopLane
+from fraexp.kernels.batch_arrays import FILL_COUNT, BatchArrays, LoopJob, LoopLane
 from fraexp.kernels.decorators import COMPILER_OPTIONS, compiled
 from fraexp.kernels.periodic_state import DEPTH, combine_windows, jump, keep_state, predicted_change
 
@@ -22,22 +22,10 @@ MAX_PHASOR_STDS = 3.0
 
 
 @compiled(**COMPILER_OPTIONS)
-def end_window(
-    numbers: NDArray[np.float64],
-    linear_rows: NDArray[np.int64],
-    rest_rows: NDArray[np.int64],
-    states: NDArray[np.float64],
-    pair_windows: NDArray[np.int64],
-    saved_memory: NDArray[np.float64],
-    history: NDArray[np.float64],
-    filled: int,
-    job: LoopJob,
-    lane: LoopLane,
-) -> bool:
-    """Return whether a lane has settled at the end of a window; change its numbers where its decay is slow.
-
-    The arrays are those of one lane of `BatchArrays`.
-    """
+def end_window(k: int, batch: BatchArrays, job: LoopJob, lane: LoopLane) -> bool:
+    """Return whether lane k has settled at the end of a window; change its numbers where its decay is slow."""
+    numbers, linear_rows, states = batch.lane_numbers[:, k], batch.linear_rows, batch.window_states[k]
+    pair_windows, history, filled = batch.window_numbers[k], batch.history[k], batch.cursors[FILL_COUNT, k]
     lane.windows, lane.unbroken = lane.windows + 1, lane.unbroken + 1
     if lane.unbroken < 2:  # friction still follows a jump, or the ramp
         return False
@@ -50,11 +38,11 @@ def end_window(
     if lane.jumps == 0:
         if is_settled or not _is_slow(job, lane):
             return is_settled
-        for i in range(rest_rows.size):
-            saved_memory[i] = numbers[rest_rows[i]]
+        for i in range(batch.rest_rows.size):
+            batch.saved_memory[k, i] = numbers[batch.rest_rows[i]]
         lane.first_jump = lane.elapsed
     elif lane.jumps >= MAX_JUMPS or lane.elapsed >= job.settling_limit:
-        return is_settled or _take_back(numbers, rest_rows, saved_memory, job, lane)
+        return is_settled or _take_back(k, batch, job, lane)
     count, weights = min(lane.pairs, DEPTH), np.empty(DEPTH)
     newest = lane.pairs - 1
     if not combine_windows(states[0], states[1], newest, count, weights):
@@ -81,20 +69,14 @@ def _is_slow(job: LoopJob, lane: LoopLane) -> bool:
 
 
 @compiled(**COMPILER_OPTIONS)
-def _take_back(
-    numbers: NDArray[np.float64],
-    rest_rows: NDArray[np.int64],
-    saved_memory: NDArray[np.float64],
-    job: LoopJob,
-    lane: LoopLane,
-) -> bool:
-    """Take a lane back to its first jump, from where its motion decays without further ones; return False.
+def _take_back(k: int, batch: BatchArrays, job: LoopJob, lane: LoopLane) -> bool:
+    """Take lane k back to its first jump, from where its motion decays without further ones; return False.
 
     Only after an even number of windows: then the law's state is in the same half of its memory.
     """
     if (lane.elapsed - lane.first_jump) // job.window % 2 == 0:
-        for i in range(rest_rows.size):
-            numbers[rest_rows[i]] = saved_memory[i]
+        for i in range(batch.rest_rows.size):
+            batch.lane_numbers[batch.rest_rows[i], k] = batch.saved_memory[k, i]
         lane.elapsed, lane.unbroken, lane.excess, lane.jumps = lane.first_jump, 0, np.inf, 0
         lane.expected = -1
     return False

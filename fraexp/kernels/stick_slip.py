@@ -33,6 +33,11 @@ ROUNDING = 1e-12
 """Excess of a force over its limit, relative to it, and part of a sum of velocities, that is rounding."""
 
 
+ContactStep = tuple[LaneRows, int, LaneRows, int, LaneRows, LaneRows, LaneRows, float, tuple[LawArgument, ...]]
+"""A step of several contacts: the linear part of the displacements and where the step's begin, the compliances and the
+length of their rows, the contacts, present and next state of the law, duration of the step [s], the law's arguments."""
+
+
 def contact_rows(contacts: int) -> int:
     """Return the rows of the memory of contacts."""
     return contacts * (CONTACT_ROWS + SLIDING_ROWS + contacts)
@@ -85,17 +90,8 @@ def make_stick_slip(law: Law, is_set_valued: tuple[bool, ...]) -> Callable[..., 
         return until
 
     @compiled(**COMPILER_OPTIONS)
-    def stick_slip(
-        linear: LaneRows,
-        first: int,
-        compliance: LaneRows,
-        row: int,
-        contact: LaneRows,
-        z: LaneRows,
-        z_next: LaneRows,
-        time_step: float,
-        arguments: tuple[LawArgument, ...],
-    ) -> None:
+    def stick_slip(step: ContactStep) -> None:
+        linear, first, compliance, row, contact, z, z_next, time_step, arguments = step
         begin(linear, first, compliance, row, contact)
         left = until = 1.0
         for _ in range(MAX_INTERVALS):

@@ -33,7 +33,7 @@ def kernel_step(compliance, limits, before, free):
     n = len(limits)
     contact, z = np.zeros(contact_rows(n)), np.zeros(n)
     contact[CONTACT_DISPLACEMENT : n * CONTACT_ROWS : CONTACT_ROWS] = before
-    compiled_step(n)(free, 0, -compliance.ravel(), n, contact, z, z, 1e-4, limits)
+    compiled_step(n)((free, 0, -compliance.ravel(), n, contact, z, z, 1e-4, limits))
     rows = contact[: n * CONTACT_ROWS].reshape(n, CONTACT_ROWS)
     return rows[:, TRIAL_FORCE], rows[:, TRIAL]
 
