@@ -14,7 +14,8 @@ class RecordTable:
     columns: Mapping[str, NDArray[np.float64]]
     """Values by column name, each of shape (n,)."""
     sample_time: float | None = None
-    """Sample time [s], and unit of each column, as far as the file states them."""
+    """Sample time [s] if the file states it."""
     units: Mapping[str, str] = field(default_factory=dict)
+    """Units by column name; none or an empty one where the file states none."""
     times: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     """Time stamps [s] of columns that have their own, each of shape (n,); the lengths of such columns may differ."""

@@ -101,7 +101,7 @@ class JoinedFiles:
             stamps = _file_times(reader, table, file)
             for column, name in own.items():
                 values[column] = table.columns[name]
-                units |= {column: table.units[name]} if table.units.get(name) else {}
+                units[column] = table.units.get(name, "")
                 times |= {column: stamps[name]} if name in stamps else {}
         return RecordTable(values, None, units, times if len(times) == len(values) else {})
 

@@ -36,8 +36,8 @@ LREAL_SIZE = 8
 """Bytes of a number."""
 LOG_LEVEL, SILENT_LEVEL = "_ZN6Logger8logLevelE", 4
 """Symbol of the level from which the library prints, and one above that of its errors."""
-AT_REST, PLAYS = 0, 1
-"""States of the block."""
+AT_REST = 0
+"""State of the block in which it plays nothing."""
 STOP_REASONS = {
     2: "it stopped by its watchdog, because its samples were not taken",
     3: "it stopped, because its samples were taken too slowly: lengthen Record and RingSize of the block",

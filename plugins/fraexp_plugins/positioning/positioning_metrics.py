@@ -13,7 +13,6 @@ REST_TOLERANCE = 1e-9
 """Change of the reference per sample, relative to its range, up to which it rests."""
 STEADY_STATE_DIVISOR = 10
 """The steady-state error is the mean over the last tenth of the rest."""
-COMPENSATION_CAUSE = ", as with wrong friction compensation or plant gain"
 
 
 class PositioningMetrics(Estimator, name="positioning_metrics", version=2):

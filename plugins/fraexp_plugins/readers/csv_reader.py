@@ -374,7 +374,7 @@ class CsvReader(RecordReader, name="csv", version=1):
         return RecordTable(
             columns=dict(zip(columns, values, strict=True)),
             sample_time=layout.sample_time,
-            units={column: unit for column, unit in units.items() if unit},
+            units={column: unit or "" for column, unit in units.items()},
             times=own_times,
         )
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from fraexp.api import RecordReader, RecordTable
 from fraexp_plugins.readers._shared.mat_hdf5 import attributes, read_columns, shapes
-from fraexp_plugins.readers._shared.record_arrays import real_vector, split_indices
+from fraexp_plugins.readers._shared.record_arrays import only_one, read_vectors, split_indices
 
 UNIT_ATTRIBUTES = ("unit", "units", "Unit", "Units")
 RATE_ATTRIBUTES = ("sample_rate", "samplerate", "sampling_rate", "fs", "Fs", "rate")
@@ -25,15 +25,11 @@ class Hdf5Reader(RecordReader, name="hdf5", version=1):
     suffixes = (".h5", ".hdf5", ".hdf", ".he5")
 
     def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
-        names = {column: split_indices(column) for column in columns}
-        arrays = read_columns(path, sorted({name for name, _ in names.values()}))
-        known = attributes(path, sorted({name for name, _ in names.values()}))
-        values = {column: real_vector(path, name, arrays[name], indices) for column, (name, indices) in names.items()}
-        units = {column: _text(known[name], UNIT_ATTRIBUTES) for column, (name, _) in names.items()}
-        steps = {_sample_time(known[name]) for name, _ in names.values()}
-        return RecordTable(
-            values, steps.pop() if len(steps) == 1 else None, {c: unit for c, unit in units.items() if unit}
-        )
+        names = {column: split_indices(column)[0] for column in columns}
+        known = attributes(path, sorted(set(names.values())))
+        units = {column: _text(known[name], UNIT_ATTRIBUTES) for column, name in names.items()}
+        sample_time = only_one(_sample_time(one) for one in known.values())
+        return RecordTable(read_vectors(path, columns, read_columns), sample_time, units)
 
     def contents(self, path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
         """Return shape and unit of every dataset of numbers, by path."""

@@ -24,8 +24,7 @@ from fraexp_plugins.readers._shared.record_arrays import (
     check_size,
     matrix_column,
     missing_column,
-    real_vector,
-    split_indices,
+    read_vectors,
 )
 
 COMPRESSED, MATRIX, INT8 = 15, 14, 1
@@ -342,20 +341,17 @@ class MatReader(RecordReader, name="mat", version=1):
     suffixes = (".mat",)
 
     def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
-        names = {column: split_indices(column) for column in columns}
-        variables = sorted({name for name, _ in names.values()})
-        if _is_hdf5(path):  # HDF5 shows MATLAB's arrays transposed
-            arrays = {name: values.T for name, values in mat_hdf5.read_columns(path, variables).items()}
-        else:
-            arrays = read_columns(path, variables)
-        return RecordTable(
-            {column: real_vector(path, name, arrays[name], indices) for column, (name, indices) in names.items()}
-        )
+        return RecordTable(read_vectors(path, columns, _read_transposed if _is_hdf5(path) else read_columns))
 
     def contents(self, path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
         """Return the shape of every numeric array in a file, by name; units are empty, as MATLAB has none."""
         found = mat_hdf5.shapes(path) if _is_hdf5(path) else shapes(path)
         return {name: (shape, "") for name, shape in found.items()}
+
+
+def _read_transposed(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.generic]]:
+    """Return columns of version 7.3: HDF5 shows MATLAB's arrays transposed."""
+    return {name: values.T for name, values in mat_hdf5.read_columns(path, names).items()}
 
 
 def _is_hdf5(path: Path) -> bool:

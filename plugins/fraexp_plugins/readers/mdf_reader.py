@@ -45,7 +45,7 @@ class MdfReader(RecordReader, name="mdf", version=1):
                 values[column] = real_vector(path, column, np.asarray(signal.samples))
                 times[column] = np.asarray(signal.timestamps, dtype=float)
                 units[column] = str(signal.unit or "")
-        return RecordTable(values, None, {c: unit for c, unit in units.items() if unit}, times)
+        return RecordTable(values, None, units, times)
 
     def contents(self, path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
         """Return length and unit of every channel of numbers, by name."""

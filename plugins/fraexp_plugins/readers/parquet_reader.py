@@ -38,8 +38,7 @@ class ParquetReader(RecordReader, name="parquet", version=1):
             values = {
                 column: real_vector(path, column, _seconds(table[name].to_numpy())) for column, name in names.items()
             }
-        units = {name: unit for name, field in fields.items() if (unit := _unit(field))}
-        return RecordTable(values, None, units)
+        return RecordTable(values, None, {name: _unit(field) for name, field in fields.items()})
 
     def contents(self, path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
         """Return length and unit of every column of numbers, by name."""

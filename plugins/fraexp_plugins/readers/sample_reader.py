@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from fraexp.api import RecordError, RecordReader, RecordTable, did_you_mean, read_header, read_samples
+from fraexp.api import RecordReader, RecordTable, read_header, read_samples
+from fraexp_plugins.readers._shared.record_arrays import pick_columns
 
 
 class SampleReader(RecordReader, name="sample", version=1):
@@ -13,14 +14,10 @@ class SampleReader(RecordReader, name="sample", version=1):
 
     def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
         header, length = read_header(path)
-        names = list(header.units)
-        for name in columns:
-            if name not in names:
-                raise RecordError(f"{path.name}: no column is called '{name}'{did_you_mean(name, names)}")
-        values = read_samples(path, [names.index(name) for name in columns], header, length)
-        found = dict(zip(columns, values, strict=True))
-        units = {name: header.units[name] for name in columns if header.units[name]}
-        return RecordTable(found, header.sample_time, units)
+        places = pick_columns(path, columns, {name: at for at, name in enumerate(header.units)})
+        values = read_samples(path, list(places.values()), header, length)
+        units = {name: header.units[name] for name in columns}
+        return RecordTable(dict(zip(columns, values, strict=True)), header.sample_time, units)
 
     def contents(self, path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
         """Return length and unit of each column by its name."""

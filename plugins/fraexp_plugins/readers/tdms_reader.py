@@ -12,6 +12,7 @@ from fraexp_plugins.readers._shared.record_arrays import (
     check_size,
     format_errors,
     load_package,
+    only_one,
     pick_columns,
     real_vector,
 )
@@ -39,10 +40,9 @@ class TdmsReader(RecordReader, name="tdms", version=1):
                 if step > 0:
                     start = float(channel.properties.get(OFFSET_PROPERTY, 0.0))
                     times[column] = start + step * np.arange(values[column].size, dtype=float)
-        steps = {float(channel.properties.get(STEP_PROPERTY, 0.0)) for channel in channels.values()}
-        step = steps.pop() if len(steps) == 1 else 0.0
+        steps = [float(channel.properties.get(STEP_PROPERTY, 0.0)) for channel in channels.values()]
         own = times if len(times) == len(values) else {}
-        return RecordTable(values, step or None, {c: unit for c, unit in units.items() if unit}, own)
+        return RecordTable(values, only_one(steps) or None, units, own)
 
     def contents(self, path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
         """Return length and unit of every channel of numbers, by name."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError, RecordReader, RecordTable
-from fraexp_plugins.readers._shared.record_arrays import check_size
+from fraexp_plugins.readers._shared.record_arrays import check_size, only_one
 from fraexp_plugins.readers._shared.text_lines import (
     column_position,
     is_number,
@@ -56,12 +56,12 @@ class TwinCatScope(RecordReader, name="twincat_scope", version=1):
         export = _read_properties(path)
         positions = [column_position(path, column, export.plain_names, export.names) for column in columns]
         values, stamps = _read_values(path, export, positions)
-        sample_times = {export.sample_times[position] for position in positions}
+        sample_time = only_one(export.sample_times[position] for position in positions)
         return RecordTable(
             columns=dict(zip(columns, values, strict=True)),
-            sample_time=sample_times.pop() if len(sample_times) == 1 else None,
-            times=dict(zip(columns, stamps, strict=True)) if sample_times else {},
-            units={c: export.units[p] for c, p in zip(columns, positions, strict=True) if export.units[p]},
+            sample_time=sample_time,
+            times=dict(zip(columns, stamps, strict=True)),
+            units={column: export.units[place] for column, place in zip(columns, positions, strict=True)},
         )
 
     def contents(self, path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
@@ -180,10 +180,7 @@ def _seconds(stamps: Sequence[str]) -> NDArray[np.float64]:
 def _sample_time(path: Path, row: Sequence[str], position: int) -> float:
     """Return the sample time [s] of a column; that of the next one for a column of time."""
     cell = row[position] if row[position] != SAMPLE_TIME_KEY else row[min(position + 1, len(row) - 1)]
-    try:
-        value = float(cell.replace(",", ".")) * 1e-3
-    except ValueError:
-        value = 0.0
+    value = _as_float(cell) * 1e-3 if is_number(cell, decimal_comma=True) else 0.0
     if not value > 0:
         raise RecordError(f"{path.name}: the sample time of column {position + 1} is '{cell}'; expected milliseconds")
     return value
@@ -211,10 +208,8 @@ def _read_values(
                 continue
             if position in ended:
                 raise _cell_error(path, number, export, position, "after an empty cell; expected no gap")
-            try:
-                float(cell.replace(",", "."))
-            except ValueError:
-                raise _cell_error(path, number, export, position, f"is '{cell}'; expected a number") from None
+            if not is_number(cell, decimal_comma=True):
+                raise _cell_error(path, number, export, position, f"is '{cell}'; expected a number")
             cells[position].append(cell.replace(",", "."))
     for position in positions:
         _check_column(path, export, position, cells)

@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError, RecordReader, RecordTable
-from fraexp_plugins.readers._shared.record_arrays import check_size, format_errors, load_package, pick_columns
+from fraexp_plugins.readers._shared.record_arrays import (
+    check_size,
+    format_errors,
+    load_package,
+    only_one,
+    pick_columns,
+)
+from fraexp_plugins.readers._shared.text_lines import unique_names
 
 FUNCTION_DATASET = 58
 FUNCTIONS = {
@@ -17,8 +24,6 @@ FUNCTIONS = {
 }  # fmt: skip
 """Names of the function types of the format."""
 DIRECTIONS = {0: "", 1: "X", 2: "Y", 3: "Z", 4: "RX", 5: "RY", 6: "RZ"}
-FREQUENCY_TYPE, TIME_TYPE = 18, 17
-"""Data types of the abscissa."""
 EVEN_TOLERANCE = 1e-6
 
 
@@ -33,10 +38,9 @@ class UffReader(RecordReader, name="uff", version=1):
 
     def read(self, path: Path, columns: Sequence[str]) -> RecordTable:
         found = pick_columns(path, columns, _functions(path))
-        steps = {step for _, _, step in found.values()}
-        units = {column: unit for column, (_, unit, _) in found.items() if unit}
+        units = {column: unit for column, (_, unit, _) in found.items()}
         values = {column: values for column, (values, _, _) in found.items()}
-        return RecordTable(values, steps.pop() if len(steps) == 1 else None, units)
+        return RecordTable(values, only_one(step for _, _, step in found.values()), units)
 
     def contents(self, path: Path) -> dict[str, tuple[tuple[int, ...], str]]:
         """Return length and unit of every column, by name."""
@@ -57,10 +61,7 @@ def _functions(path: Path) -> dict[str, Function]:
     if not sets:
         raise RecordError(f"{path.name}: it has no dataset 58; expected functions over time or frequency")
     found: dict[str, Function] = {}
-    names = [_name(one) for one in sets]
-    for place, one in enumerate(sets):
-        count = names[: place + 1].count(names[place])
-        name = f"{names[place]} #{count}" if names.count(names[place]) > 1 else names[place]
+    for name, one in zip(unique_names([_name(one) for one in sets]), sets, strict=True):
         found |= _columns(name, one)
     return found
 

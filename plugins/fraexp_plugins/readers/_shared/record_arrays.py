@@ -1,7 +1,7 @@
 """What readers share: limits of size, missing columns and libraries, and the array's samples that a name picks."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
@@ -149,6 +149,21 @@ def real_vector(path: Path, name: str, values: NDArray[Any], indices: tuple[str,
     if values.size != max(values.shape, default=1):
         raise RecordError(f"{path.name}: '{name}' is {shape_text(values)}; {column_hint(name, values.shape)}")
     return np.asarray(values, dtype=float).ravel()
+
+
+def read_vectors(
+    path: Path, columns: Sequence[str], read: Callable[[Path, list[str]], Mapping[str, NDArray[Any]]]
+) -> dict[str, NDArray[np.float64]]:
+    """Return the signals that columns name, shape (n,); `read` returns the arrays of a file by their names."""
+    names = {column: split_indices(column) for column in columns}
+    arrays = read(path, sorted({name for name, _ in names.values()}))
+    return {column: real_vector(path, name, arrays[name], indices) for column, (name, indices) in names.items()}
+
+
+def only_one(values: Iterable[Column]) -> Column | None:
+    """Return the value that is the same for all columns, or None."""
+    found = set(values)
+    return found.pop() if len(found) == 1 else None
 
 
 def matrix_column(values: NDArray[Any], number: str) -> NDArray[Any] | None:
