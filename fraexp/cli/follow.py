@@ -106,9 +106,9 @@ class RunEvents:
 
 def follow(events: Generator[Event, None, None], is_shown: bool = True) -> RunEvents:
     """Show events as they come, or only take them; Ctrl-C ends the run, and finished sweeps are kept."""
-    followed = RunEvents()
+    followed, meter = RunEvents(), Meter() if is_shown else None
     try:
-        with Meter() if is_shown else nullcontext() as meter, closing(events):
+        with meter.bar if meter else nullcontext(), closing(events):
             for event in events:
                 _take_event(event, followed)
                 if meter:

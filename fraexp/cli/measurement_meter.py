@@ -1,13 +1,12 @@
 """A measurement while it runs: a line for each point, and on a terminal a bar for the one that is played."""
 
-import sys
 import time
 from collections.abc import Generator
-from contextlib import AbstractContextManager, closing, nullcontext
+from contextlib import closing
 from typing import Any
 
 from fraexp.cli.output import say
-from fraexp.cli.progress import REPORT_INTERVAL_S, make_bar
+from fraexp.cli.progress import ProgressLine
 from fraexp.execution.events import Event
 from fraexp.measurement.measurement import MeasurementBegun, MeasurementNotice
 from fraexp.measurement.measurement_plan import MeasurementPlan
@@ -21,22 +20,15 @@ MIN_PLANNING_S = 1.0
 """Time after which a plan that is being made is shown."""
 
 
-class MeasurementMeter:
+class MeasurementMeter(ProgressLine):
     """Shows the events of a measurement, and its plan while it is made."""
 
     def __init__(self) -> None:
-        self._bar = make_bar() if sys.stderr.isatty() else None
-        self._task = self._bar.add_task("", total=1.0, count="", visible=False) if self._bar else None
+        super().__init__()
         self._done, self._total, self._left = 0, 0, 0.0
         self._plan: MeasurementPlan | None = None
         self._missed = MissedBands()
         self._planning: float | None = None
-        self._said = 0.0
-
-    @property
-    def bar(self) -> AbstractContextManager[object]:
-        """What shows a bar as long as it is open, on a terminal."""
-        return self._bar or nullcontext()
 
     def show_planning(self, share: float) -> None:
         """Show how far the plan is, if it takes some time."""
@@ -47,11 +39,8 @@ class MeasurementMeter:
         if spent < MIN_PLANNING_S and share < 1:
             return
         left = f"about {duration_text(spent * (1 / share - 1))} left" if share > 0 else ""
-        if self._bar is not None and self._task is not None:
-            self._bar.update(self._task, description="planning", completed=share, count=left, visible=share < 1)
-        elif now - self._said >= REPORT_INTERVAL_S:
-            self._said = now
-            say(", ".join(filter(None, [f"planning near the limits: {100 * share:.0f} %", left])))
+        if not self.draw("planning", share, left, visible=share < 1):
+            self.tell([f"planning near the limits: {100 * share:.0f} %", left])
 
     def follow(self, events: Generator[Any, None, None]) -> Event | None:
         """Show events up to the first one of the run that analyses the record, and return that; Ctrl-C stops all."""
@@ -88,22 +77,15 @@ class MeasurementMeter:
         say(begin_text(event))
 
     def _move(self, event: PointProgress) -> None:
-        if self._bar is None or self._task is None:
-            return
         state = plural(event.periods, "period") if event.is_settled or event.periods else "settling"
         band = "" if event.band is None else f", {band_text(event.band)}"
         left = f"about {duration_text(self._left)} left"
         text = f"{self._done}/{self._total}, {state}{band}, {100 * event.used:.0f} % of a limit, {left}"
-        self._bar.update(
-            self._task, description=event.point.frequency, completed=self._done / self._total, count=text, visible=True
-        )
+        self.draw(event.point.frequency, self._done / self._total, text)
 
     def _wait(self, event: EvaluationProgress) -> None:
-        if self._bar is None or self._task is None:
-            return
         share = min(event.elapsed / event.seconds, 1.0) if event.seconds else 0.0
-        text = elapsed_text(event.elapsed, event.seconds)
-        self._bar.update(self._task, description="evaluated", completed=share, count=text, visible=True)
+        self.draw("evaluated", share, elapsed_text(event.elapsed, event.seconds))
 
     def _end_point(self, event: PointEstimated) -> None:
         measured = event.measured

@@ -2,8 +2,9 @@
 
 import sys
 import time
-from types import TracebackType
-from typing import TYPE_CHECKING, Self, TextIO, cast
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
+from typing import TYPE_CHECKING, TextIO, cast
 
 from fraexp.cli.output import say
 from fraexp.cli.standard_streams import TolerantStream
@@ -21,25 +22,42 @@ MAX_UNFINISHED_FRACTION = 0.99
 """Greatest fraction that is shown while a sweep is unfinished."""
 
 
-class Meter:
-    """A progress display in sweeps; a context manager."""
+class ProgressLine:
+    """A bar on a terminal while `bar` is open, which disappears at its end; elsewhere a line every few seconds."""
 
     def __init__(self) -> None:
-        self.begin()
-        self._said = self._started
-        self._bar: Bar | None = make_bar() if sys.stderr.isatty() else None
+        self._bar = _make_bar() if sys.stderr.isatty() else None
         self._task = self._bar.add_task("", total=None, count="", visible=False) if self._bar else None
+        self._said = time.monotonic()
 
-    def __enter__(self) -> Self:
-        if self._bar:
-            self._bar.start()
-        return self
+    @property
+    def bar(self) -> AbstractContextManager[object]:
+        """What shows the bar as long as it is open."""
+        return self._bar or nullcontext()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._bar:
-            self._bar.stop()
+    def draw(self, doing: str, share: float | None, count: str = "", visible: bool = True) -> bool:
+        """Show the bar with what is being done, and how far if that is known; return whether there is one."""
+        if self._bar is None or self._task is None:
+            return False
+        total = None if share is None else 1.0
+        self._bar.update(
+            self._task, description=printable(doing), completed=share, total=total, count=count, visible=visible
+        )
+        return True
+
+    def tell(self, parts: Sequence[str]) -> None:
+        """Print a line of those parts that are not empty, if the last one was printed some seconds ago."""
+        if time.monotonic() - self._said >= REPORT_INTERVAL_S:
+            self._said = time.monotonic()
+            say(", ".join(filter(None, parts)))
+
+
+class Meter(ProgressLine):
+    """A progress display in sweeps."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.begin()
 
     def begin(self, reused: int = 0) -> None:
         """Start with another study; its reused sweeps come first."""
@@ -52,33 +70,21 @@ class Meter:
 
     def note(self, text: str) -> None:
         """Show what is being prepared."""
-        if self._bar and self._task is not None:
-            self._bar.update(self._task, description=printable(text), visible=True)
-        else:
+        if not self.draw(text, None):
             say(text)
 
     def move(
         self, done: float, total: float, running: int | None = None, doing: str = "", left: TimeLeft | None = None
     ) -> None:
         """Show that `done` of `total` sweeps are done, including the finished parts of those that are `running`."""
-        now, finished = time.monotonic(), max(self._finished, 0)
+        finished = max(self._finished, 0)
         share = done / total if total > 0 else 1.0
         share = share if finished >= total else min(share, MAX_UNFINISHED_FRACTION)
         rest = "estimating" if done >= total else time_text(left, "left") if left else ""
         told = [_running_text(done - finished, int(total) - finished, running), rest if total > finished else ""]
-        if self._bar and self._task is not None:
-            text = ", ".join(filter(None, [f"{finished}/{int(total)} sweeps", *told]))
-            self._bar.update(
-                self._task, description=printable(doing), completed=share, total=1.0, count=text, visible=True
-            )
-        elif now - self._said >= REPORT_INTERVAL_S:
-            self._said = now
-            counted = f"{finished} of {plural(int(total), 'sweep')}"
-            say(
-                ", ".join(
-                    filter(None, [counted, printable(doing), told[0], duration_text(now - self._started), *told[1:]])
-                )
-            )
+        if not self.draw(doing, share, ", ".join(filter(None, [f"{finished}/{int(total)} sweeps", *told]))):
+            counted, spent = f"{finished} of {plural(int(total), 'sweep')}", time.monotonic() - self._started
+            self.tell([counted, printable(doing), told[0], duration_text(spent), *told[1:]])
 
 
 def _running_text(part: float, left: int, running: int | None) -> str:
@@ -97,8 +103,7 @@ def _running_text(part: float, left: int, running: int | None) -> str:
     return f"{running} in progress" + (f" at {share} %" if running == left and 0 < share < 100 else "")
 
 
-def make_bar() -> "Bar":
-    """Return a bar on stderr that disappears at its end."""
+def _make_bar() -> "Bar":
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 

@@ -32,7 +32,8 @@ def follow_run(events: Generator[Event, None, None], is_shown: bool) -> Ended:
 @contextmanager
 def computing_meter(computed: Plain) -> Iterator[Callable[[float], None]]:
     """Show the progress of one computation that takes long, and say once that something is compiled for it."""
-    with compiler_errors_as_ours(), Meter() as meter:
+    meter = Meter()
+    with compiler_errors_as_ours(), meter.bar:
         note = cache(lambda: meter.note(f"compiling {_compiled_text(computed)} (once per machine)"))
         with compilation_listener(lambda begins: note() if begins else None):
             yield lambda fraction: meter.move(fraction, 1.0)

@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from fraexp.cli import progress
+from fraexp.cli import measurement_meter, progress
 from fraexp.cli.measurement_meter import MeasurementMeter
 from fraexp.cli.progress import Meter
 from fraexp.execution.events import TimeLeft
@@ -23,7 +23,8 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    monkeypatch.setattr(progress, "time", clock)
+    for module in (progress, measurement_meter):
+        monkeypatch.setattr(module, "time", clock)
     return clock
 
 
@@ -85,12 +86,9 @@ def test_the_bar_leaves_room_for_the_time_left(room: int) -> None:
     assert line.endswith("2 workers") == (room > 118)
 
 
-def test_a_plan_that_takes_long_tells_the_time_left(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    times = iter([100.0, 100.5, 106.0, 107.0, 120.0])
-    monkeypatch.setattr("fraexp.cli.measurement_meter.time.monotonic", lambda: next(times))
+def test_a_plan_that_takes_long_tells_the_time_left(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
     meter = MeasurementMeter()
-    for share in (0.0, 0.1, 0.25, 0.5, 1.0):
+    for share, after in ((0.0, 0.0), (0.1, 0.5), (0.25, 5.5), (0.5, 1.0), (1.0, 13.0)):
+        clock.now += after
         meter.show_planning(share)
     assert capsys.readouterr().err == "planning near the limits: 25 %, about 18 s left\n"
