@@ -339,7 +339,7 @@ def hang_fault(name: str, law: Law, arguments: tuple[object, ...], call: LawCall
 def overdue_text(error: OverdueError, law: Law, at: str, seconds: float = LAW_TIME_LIMIT_S) -> str:
     """Return the message about a law that does not return, to follow its name; `at` says on which call."""
     place = error_location(error, law.__code__.co_filename, law.__code__.co_firstlineno)
-    found = f"({place}) has not returned after {seconds:g} s {at}"
+    found = f"({place}) has not returned after {seconds:g} s {at}".rstrip()
     return f"{found}; expected a force at once: fix the condition that ends its loops"
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from fraexp.components.kinds import Component, FrictionModel
+from fraexp.components.law_step import law_place, overdue_text, step_text
 from fraexp.components.registry import reason_of
 from fraexp.errors import FraexpError, PluginError, did_you_mean
 from fraexp.kernels.law_error import LawError
@@ -56,19 +57,16 @@ def overdue_reason(error: OverdueError, example: object) -> str:
         place = error_location(error, inspect.getfile(cls), inspect.getsourcelines(cls)[1])
         found = f"{cls.name} ({place}) has not returned after {LAW_TIME_LIMIT_S:g} s"
         return f"{found}; check the conditions that end its loops"
-    code = owner.law.__code__
-    place = error_location(error, code.co_filename, code.co_firstlineno)
-    found = f"the law of {owner.name} ({place}) has not returned after {LAW_TIME_LIMIT_S:g} s{_step_text(error)}"
-    return f"{found}; expected a force within milliseconds; check the conditions that end its loops"
+    return f"the law of {owner.name} {overdue_text(error, owner.law, _tried_step(error))}"
 
 
-def _step_text(error: OverdueError) -> str:
+def _tried_step(error: OverdueError) -> str:
     """Return the step that the law was tried with; empty if it was none."""
     trace = error.__traceback__
     while trace is not None:
         if trace.tb_frame.f_code is Walk.try_step.__code__:
             seen = trace.tb_frame.f_locals
-            return f" on dy = {seen['dy']:g} m in {seen['self'].time_step:g} s"
+            return step_text(seen["dy"], seen["self"].time_step)
         trace = trace.tb_next
     return ""
 
@@ -79,10 +77,8 @@ def compile_error_reason(error: Exception, example: object) -> str:
     owner = getattr(example, "model", example)
     if not isinstance(owner, FrictionModel):
         return text
-    code = owner.law.__code__
-    place = f"{Path(code.co_filename).name}, line {code.co_firstlineno}"
     named = text if isinstance(error, LawError) else f"it cannot be compiled: {text}"
-    return f"the law of {owner.name} ({place}): {named}"
+    return f"the law of {owner.name} ({law_place(owner.law)}): {named}"
 
 
 ExampleListener = Callable[[Check, object], None]
