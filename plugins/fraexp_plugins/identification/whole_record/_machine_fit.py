@@ -17,6 +17,7 @@ from fraexp_plugins.identification.whole_record._motion_start import (
     MotionFit,
     MotionRecords,
     fits_along_motion,
+    spread_records,
 )
 from fraexp_plugins.identification.whole_record._record_fit import HOPELESS_RATIO, LinearisedFit, RecordFit, State
 from fraexp_plugins.identification.whole_record._replayed_record import Trial, positions_of
@@ -232,9 +233,10 @@ def fit_machine(problem: MachineProblem, known: Fitted | None = None) -> tuple[F
 
     The response of each record is first that of the plant, whose numbers are estimated with those of friction. At last
     each record has a response of its own, unless friction acts at several contacts. `known` is a joint fit to other
-    records of the same machine, from which it starts without a search.
+    records of the same machine, from which it starts without a search; else some of the records lead near.
     """
-    joint, starts = joint_fit(problem) if known is None else (known, 1)
+    few = replace(problem, signals=spread_records(problem.signals))
+    joint, starts = joint_fit(few, fits_along_motion(problem)) if known is None else (known, 1)
     every = replace(joint.fit, records=RecordFit.around(problem, joint.fit.start.plant).records)
     every = every.with_needed_drifts(State(joint.state.shared, tuple(np.zeros(r.count) for r in every.records)))
     whole = _whole(problem, every, joint)

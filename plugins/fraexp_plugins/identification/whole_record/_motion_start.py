@@ -213,7 +213,7 @@ class ScaleSearch:
     ) -> None:
         from scipy.interpolate import CubicSpline  # slow to import: listing plugins must stay fast
 
-        records, law = MotionRecords(_spread_over_frequencies(signals), observer), observer.law
+        records, law = MotionRecords(spread_records(signals), observer), observer.law
         at = records.is_excited
         self.has_force, self.has_displacement = FORCE_SCALE in free, DISPLACEMENT_SCALE in free
         self.frequency, self.output = records.frequency[at], records.output[at]
@@ -262,7 +262,7 @@ class ScaleSearch:
         return np.asarray(np.min([cost + ORDER_COST * n / 2 for cost, n in zip(fits, ORDERS, strict=True)], axis=0))
 
 
-def _spread_over_frequencies(signals: Signals) -> Signals:
+def spread_records(signals: Signals) -> Signals:
     """Return segments spread over the frequencies, with about as many lines as are compared."""
     ordered = sorted(signals.segments, key=lambda segment: float(segment.frequency[0]))
     lines = sum(segment.lines.size for segment in ordered) / len(ordered)
