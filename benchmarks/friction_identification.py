@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification.friction.friction_identification import FrictionIdentification
+from fraexp_plugins.identification.friction_identification import FrictionIdentification
 from harness import ROOT, Bench, run
 from numba import njit
 from numpy.typing import NDArray

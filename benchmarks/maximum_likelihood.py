@@ -29,10 +29,9 @@ from typing import Any
 
 import numpy as np
 from drawn_machines import DrawnMachine, drawn_machine
-from fraexp_plugins.identification._shared.law_numbers import scaled_friction as scaled_law
-from fraexp_plugins.identification.whole_record._fit_report import FitReport
-from fraexp_plugins.identification.whole_record._machine_fit import fit_machine, joint_fit
-from fraexp_plugins.identification.whole_record.maximum_likelihood import MaximumLikelihood
+from fraexp_plugins.identification._law_numbers import scaled_friction as scaled_law
+from fraexp_plugins.identification._machine_fit import FitReport, fit_machine, joint_fit
+from fraexp_plugins.identification.maximum_likelihood import MaximumLikelihood
 from friction_bands import squared_distance, within_limits
 from harness import ROOT, Bench, run
 from paper_machine import (

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from fraexp_plugins.estimators.conventional import Conventional
-from fraexp_plugins.identification.plant.modal_fit import ModalFit
+from fraexp_plugins.identification.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 
 from fraexp.data.results import FrequencyResponse, Outcome, Result

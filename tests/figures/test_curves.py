@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fraexp_plugins.identification._shared.friction_curves import force_over_velocity, virgin_curve
+from fraexp_plugins.identification._law_forces import force_over_velocity, virgin_curve
 from matplotlib.colors import to_hex
 
 from fraexp.data.results import Curve, Outcome, Result

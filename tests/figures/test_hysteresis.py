@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from fraexp_plugins.identification._shared.friction_curves import virgin_curve
+from fraexp_plugins.identification._law_forces import virgin_curve
 
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError

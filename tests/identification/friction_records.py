@@ -3,7 +3,7 @@
 import numpy as np
 from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification.friction.friction_identification import FrictionIdentification
+from fraexp_plugins.identification.friction_identification import FrictionIdentification
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.data.results import Result

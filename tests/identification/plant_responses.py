@@ -4,7 +4,7 @@ import tomllib
 
 import numpy as np
 from fraexp_plugins.estimators.conventional import Conventional
-from fraexp_plugins.identification.plant.modal_fit import ModalFit
+from fraexp_plugins.identification.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 
 from fraexp.study.study_file import packaged_studies

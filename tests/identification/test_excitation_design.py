@@ -5,9 +5,9 @@ from itertools import product
 
 import numpy as np
 import pytest
-from fraexp_plugins.identification.whole_record._machine_problem import SCALES, FreeParameters, nonzero_numbers
-from fraexp_plugins.identification.whole_record._record_fit import RecordFit
-from fraexp_plugins.identification.whole_record.excitation_design import (
+from fraexp_plugins.identification._machine_problem import SCALES, FreeParameters, nonzero_numbers
+from fraexp_plugins.identification._record_fit import RecordFit
+from fraexp_plugins.identification.excitation_design import (
     Plan,
     PlannedRecord,
     PlanSearch,

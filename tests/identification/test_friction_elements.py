@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification.friction.friction_identification import FrictionIdentification
+from fraexp_plugins.identification.friction_identification import FrictionIdentification
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.registry import create

@@ -6,7 +6,7 @@ from fraexp_plugins.controllers.pid import Pid
 from fraexp_plugins.excitations.constant_velocities import ConstantVelocities
 from fraexp_plugins.excitations.slow_triangle import SlowTriangle
 from fraexp_plugins.friction.coulomb import Coulomb
-from fraexp_plugins.identification.friction.friction_identification import FrictionIdentification
+from fraexp_plugins.identification.friction_identification import FrictionIdentification
 from fraexp_plugins.plants.modal import Modal
 
 from fraexp.components.periods import Period

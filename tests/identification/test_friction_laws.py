@@ -7,8 +7,8 @@ from fraexp_plugins.friction.elastoplastic import Elastoplastic
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification._shared.friction_curves import virgin_curve
-from fraexp_plugins.identification.friction.friction_identification import FrictionIdentification
+from fraexp_plugins.identification._law_forces import virgin_curve
+from fraexp_plugins.identification.friction_identification import FrictionIdentification
 
 from fraexp.components.kinds import Estimator, FrictionModel
 from fraexp.components.registry import create, discover

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fraexp_plugins.identification.whole_record._joint_fit import LinearRecord, fit_linear, interval_loss
+from fraexp_plugins.identification._likelihood import LinearRecord, fit_linear, interval_loss
 from scipy.optimize import minimize
 from scipy.stats import norm
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fraexp_plugins.identification._shared.law_numbers import shape_parameters
+from fraexp_plugins.identification._law_numbers import shape_parameters
 
 from fraexp.components.kinds import Estimator, FrictionModel
 from fraexp.components.registry import create, discover

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fraexp_plugins.identification._shared.usable_records import check_segments
+from fraexp_plugins.identification._usable_records import check_segments
 
 from fraexp.analysis.confidence import circle_factor
 from fraexp.components.kinds import Estimator, Plant

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_value
-from fraexp_plugins.identification._shared.law_numbers import shape_parameters
-from fraexp_plugins.identification.whole_record._machine_problem import SCALES
-from fraexp_plugins.identification.whole_record._motion_start import fits_along_motion
+from fraexp_plugins.identification._law_numbers import shape_parameters
+from fraexp_plugins.identification._machine_problem import SCALES
+from fraexp_plugins.identification._motion_start import fits_along_motion
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.registry import create

@@ -6,11 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 from fraexp_plugins.estimators.conventional import Conventional
-from fraexp_plugins.identification.autonomous._identified_plant import InverseResponse, identify_plant
-from fraexp_plugins.identification.autonomous._law_report import MAX_FALL
-from fraexp_plugins.identification.autonomous._law_search import sum_interval
-from fraexp_plugins.identification.autonomous.plant_and_friction import PlantAndFriction
-from fraexp_plugins.identification.plant.modal_fit import ModalFit
+from fraexp_plugins.identification._law_report import MAX_FALL, InverseResponse, identify_plant
+from fraexp_plugins.identification._law_selection import sum_interval
+from fraexp_plugins.identification.modal_fit import ModalFit
+from fraexp_plugins.identification.plant_and_friction import PlantAndFriction
 from fraexp_plugins.plants.modal import Modal
 
 from fraexp.data.results import Outcome

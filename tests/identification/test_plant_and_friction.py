@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fraexp_plugins.estimators.effective_input import EffectiveInput
-from fraexp_plugins.identification.autonomous.plant_and_friction import PlantAndFriction
+from fraexp_plugins.identification.plant_and_friction import PlantAndFriction
 
 from fraexp.components.kinds import FrictionModel, Plant
 from fraexp.components.registry import create

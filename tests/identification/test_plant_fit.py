@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
-from fraexp_plugins.identification.plant._modal_solver import whiteness
-from fraexp_plugins.identification.plant.modal_fit import ModalFit
+from fraexp_plugins.identification._modal_solver import whiteness
+from fraexp_plugins.identification.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 
 from fraexp.components.registry import create, discover

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fraexp_plugins.identification.friction.friction_identification import FrictionIdentification
+from fraexp_plugins.identification.friction_identification import FrictionIdentification
 
 from fraexp.data.signals import Segment, Signals
 from tests.identification.friction_records import THREE, driven, sliding, values

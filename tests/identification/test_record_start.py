@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from fraexp_plugins.identification.whole_record._record_fit import RecordFit, State
+from fraexp_plugins.identification._record_fit import RecordFit, State
 
 from fraexp.components.kinds import Controller, Estimator, Excitation, FrictionModel, Plant
 from fraexp.components.registry import create

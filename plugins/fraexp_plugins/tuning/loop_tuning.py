@@ -27,7 +27,7 @@ from fraexp.api import (
     path_response,
 )
 from fraexp_plugins.controllers.notched_pid import NotchedPid
-from fraexp_plugins.identification.plant.modal_fit import ModalFit
+from fraexp_plugins.identification.modal_fit import ModalFit
 from fraexp_plugins.positioning._shared.design_model import DesignModel
 from fraexp_plugins.tuning._shared.friction_gain import FrictionGain, LimitCycle, known_friction, limit_cycles
 from fraexp_plugins.tuning._shared.gain_search import (

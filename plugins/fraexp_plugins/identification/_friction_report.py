@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from fraexp.api import CURVE_POINTS, Curve, Finding, Fit, Metric, Quantity, Result, Signals
 from fraexp_plugins.friction._shared.element_model import ElementModel
-from fraexp_plugins.identification._shared.friction_curves import force_over_velocity, virgin_curve
-from fraexp_plugins.identification.friction._friction_fit import FrictionFit
-from fraexp_plugins.identification.friction._friction_rows import TERM_UNITS
+from fraexp_plugins.identification._friction_fit import FrictionFit
+from fraexp_plugins.identification._friction_rows import TERM_UNITS
+from fraexp_plugins.identification._law_forces import force_over_velocity, virgin_curve
 
 MAX_RELATIVE_STD = 2.0
 """Relative standard deviation from which a parameter is not identifiable."""

@@ -25,19 +25,18 @@ from fraexp.api import (
 from fraexp_plugins.friction._shared.element_model import ElementModel
 from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification._shared.law_forces import FreeElements, WholeLaw, rolling_elements
-from fraexp_plugins.identification._shared.law_numbers import LawNumbers, rough_model
-from fraexp_plugins.identification.friction._friction_fit import (
+from fraexp_plugins.identification._friction_fit import (
     FrictionFit,
     columns_along,
     curve_end,
     fit_elements,
     fit_law,
     grid_error,
+    least_squares,
     search_shape,
 )
-from fraexp_plugins.identification.friction._friction_report import report
-from fraexp_plugins.identification.friction._friction_rows import (
+from fraexp_plugins.identification._friction_report import report
+from fraexp_plugins.identification._friction_rows import (
     EVEN,
     HELD,
     ConstantVelocityRuns,
@@ -51,7 +50,8 @@ from fraexp_plugins.identification.friction._friction_rows import (
     quantisation_step,
     turning_points,
 )
-from fraexp_plugins.identification.friction._regression import least_squares
+from fraexp_plugins.identification._law_forces import FreeElements, WholeLaw, rolling_elements
+from fraexp_plugins.identification._law_numbers import LawNumbers, rough_model
 
 Candidate = TypeVar("Candidate")
 LAW_ELEMENTS = 4

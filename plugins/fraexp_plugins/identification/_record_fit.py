@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import ParameterError, Plant
-from fraexp_plugins.identification.whole_record._joint_fit import (
+from fraexp_plugins.identification._likelihood import (
     FitStep,
     LinearRecord,
     fit_linear,
     greatest_ratio,
     interval_loss,
 )
-from fraexp_plugins.identification.whole_record._machine_problem import FreeParameters, MachineProblem, Models
-from fraexp_plugins.identification.whole_record._replayed_record import (
+from fraexp_plugins.identification._machine_problem import FreeParameters, MachineProblem, Models
+from fraexp_plugins.identification._replayed_record import (
     ReplayedRecord,
     Trial,
     positions_of,

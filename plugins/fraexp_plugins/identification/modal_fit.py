@@ -30,7 +30,7 @@ from fraexp.api import (
     remarks,
     significant_deviation,
 )
-from fraexp_plugins.identification.plant._modal_model import (
+from fraexp_plugins.identification._modal_model import (
     GROUND,
     LogResponse,
     ModalModel,
@@ -38,7 +38,7 @@ from fraexp_plugins.identification.plant._modal_model import (
     log_response,
     parameter_symbol,
 )
-from fraexp_plugins.identification.plant._modal_solver import (
+from fraexp_plugins.identification._modal_solver import (
     MAX_PEAK_DAMPING,
     Solution,
     chosen_order,

@@ -26,40 +26,40 @@ from fraexp.api import (
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.none import Frictionless
-from fraexp_plugins.identification._shared.law_numbers import shape_parameters
-from fraexp_plugins.identification._shared.usable_records import (
-    check_one_contact,
-    check_one_thrust,
-    check_segments,
-    usable_signals,
-)
-from fraexp_plugins.identification.whole_record._fit_report import FitReport
-from fraexp_plugins.identification.whole_record._joint_fit import (
+from fraexp_plugins.identification._law_numbers import shape_parameters
+from fraexp_plugins.identification._likelihood import (
     greatest_ratio,
     greatest_variance_ratio,
     likely_noise,
     noise_in_records,
 )
-from fraexp_plugins.identification.whole_record._machine_fit import (
+from fraexp_plugins.identification._machine_fit import (
+    FitReport,
     Fitted,
     fit_machine,
     joint_fit,
     least_told,
     predicted_ratios,
 )
-from fraexp_plugins.identification.whole_record._machine_problem import (
+from fraexp_plugins.identification._machine_problem import (
     DEAD_TIME,
     NOISE,
     SCALES,
     FreeParameters,
     MachineProblem,
 )
-from fraexp_plugins.identification.whole_record._motion_start import (
+from fraexp_plugins.identification._motion_start import (
     EXPLAINED,
     MotionFit,
     RoughFriction,
     fits_along_motion,
     rough_friction,
+)
+from fraexp_plugins.identification._usable_records import (
+    check_one_contact,
+    check_one_thrust,
+    check_segments,
+    usable_signals,
 )
 
 

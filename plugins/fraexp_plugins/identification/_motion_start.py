@@ -32,11 +32,9 @@ from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction._shared.element_model import ElementModel, VirginCurve
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification._shared.law_numbers import VISCOUS, rough_model
-from fraexp_plugins.identification._shared.usable_records import FORCE_FLOOR, with_harmonics
-from fraexp_plugins.identification.plant.modal_fit import ModalFit
-from fraexp_plugins.identification.whole_record._joint_fit import greatest_variance_ratio
-from fraexp_plugins.identification.whole_record._machine_problem import (
+from fraexp_plugins.identification._law_numbers import VISCOUS, rough_model
+from fraexp_plugins.identification._likelihood import greatest_variance_ratio
+from fraexp_plugins.identification._machine_problem import (
     DEAD_TIME,
     DISPLACEMENT_SCALE,
     FORCE_SCALE,
@@ -45,6 +43,8 @@ from fraexp_plugins.identification.whole_record._machine_problem import (
     MachineProblem,
     Models,
 )
+from fraexp_plugins.identification._usable_records import FORCE_FLOOR, with_harmonics
+from fraexp_plugins.identification.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 
 PLANT_MODEL_ERROR = 1e-3

@@ -10,13 +10,12 @@ from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.none import Frictionless
-from fraexp_plugins.identification._shared.law_forces import unit_law
-from fraexp_plugins.identification._shared.usable_records import FORCE_FLOOR, usable_signals
-from fraexp_plugins.identification.autonomous._identified_plant import IdentifiedPlant, identify_plant
-from fraexp_plugins.identification.autonomous._law_choice import LawSelection
-from fraexp_plugins.identification.autonomous._law_report import FittedLaw, LawReport
-from fraexp_plugins.identification.autonomous._line_records import LineRecords, remove_drift
-from fraexp_plugins.identification.plant.modal_fit import ModalFit
+from fraexp_plugins.identification._law_forces import unit_law
+from fraexp_plugins.identification._law_report import FittedLaw, IdentifiedPlant, LawReport, identify_plant
+from fraexp_plugins.identification._law_selection import LawSelection
+from fraexp_plugins.identification._line_records import LineRecords, remove_drift
+from fraexp_plugins.identification._usable_records import FORCE_FLOOR, usable_signals
+from fraexp_plugins.identification.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 
 MAX_LINE_SCATTER = 0.1

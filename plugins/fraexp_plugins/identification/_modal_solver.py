@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import NORMAL_QUANTILE, ROUNDING, SIGNIFICANCE, RecordError, significant_deviation
-from fraexp_plugins.identification._shared.least_squares import inverse_square, minimise
-from fraexp_plugins.identification.plant._modal_model import LogResponse, ModalModel, resonators
+from fraexp_plugins.identification._least_squares import inverse_square, minimise
+from fraexp_plugins.identification._modal_model import LogResponse, ModalModel, resonators
 
 
 def whiteness(residuals: NDArray[np.float64], parts: int) -> float:

@@ -10,7 +10,7 @@ from fraexp.api import FrictionModel, ParameterError, Parameters, Plant, ReplayM
 from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_unit, parameter_value, with_parameters
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.none import Frictionless
-from fraexp_plugins.identification._shared.law_numbers import VISCOUS
+from fraexp_plugins.identification._law_numbers import VISCOUS
 
 FORCE_SCALE, DISPLACEMENT_SCALE = "force_scale", "displacement_scale"
 SCALES = (FORCE_SCALE, DISPLACEMENT_SCALE)

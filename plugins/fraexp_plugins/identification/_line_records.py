@@ -12,9 +12,9 @@ from fraexp.api import FrictionModel, Motion, RecordError, Segment, Signals, fou
 from fraexp_plugins.estimators._shared.delayed_estimator import LoopDelays
 from fraexp_plugins.estimators._shared.realisations import mean
 from fraexp_plugins.estimators.effective_input import EffectiveInput
-from fraexp_plugins.identification._shared.law_forces import LawForces
-from fraexp_plugins.identification._shared.least_squares import HeldSum, solve_non_negative
-from fraexp_plugins.identification._shared.usable_records import with_harmonics
+from fraexp_plugins.identification._law_forces import LawForces
+from fraexp_plugins.identification._least_squares import HeldSum, solve_non_negative
+from fraexp_plugins.identification._usable_records import with_harmonics
 
 FREQUENCY_TOLERANCE = 1e-4
 """Relative difference up to which two frequencies are equal."""

@@ -31,14 +31,14 @@ from fraexp.api import (
     simulate_loop,
 )
 from fraexp_plugins.excitations.sine_list import SineList
-from fraexp_plugins.identification.whole_record._fit_report import FitReport
-from fraexp_plugins.identification.whole_record._joint_fit import LinearRecord, interval_loss
-from fraexp_plugins.identification.whole_record._machine_problem import (
+from fraexp_plugins.identification._likelihood import LinearRecord, interval_loss
+from fraexp_plugins.identification._machine_fit import FitReport
+from fraexp_plugins.identification._machine_problem import (
     DEAD_TIME,
     FreeParameters,
 )
-from fraexp_plugins.identification.whole_record._record_fit import RecordFit, State
-from fraexp_plugins.identification.whole_record.maximum_likelihood import MaximumLikelihood
+from fraexp_plugins.identification._record_fit import RecordFit, State
+from fraexp_plugins.identification.maximum_likelihood import MaximumLikelihood
 
 
 class PlannedRecord(NamedTuple):

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from fraexp.api import Plant, Replay, Replayed, ReplayModel, Segment, replay
 from fraexp_plugins.estimators.effective_input import EffectiveInput
-from fraexp_plugins.identification.whole_record._joint_fit import greatest_variance_ratio
-from fraexp_plugins.identification.whole_record._machine_problem import Models
+from fraexp_plugins.identification._likelihood import greatest_variance_ratio
+from fraexp_plugins.identification._machine_problem import Models
 
 SETTLING_PART = 8
 """Part of a record that is left out, if it has as many cycles. Twice as much makes intervals 9 % wider."""

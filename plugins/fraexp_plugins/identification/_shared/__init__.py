@@ -1,1 +1,0 @@
-"""Helpers of all identification: least squares, stop operators, curves of friction."""

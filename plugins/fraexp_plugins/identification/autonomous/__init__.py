@@ -1,1 +1,0 @@
-"""Plant and friction together, from frequency response records only."""

@@ -1,1 +1,0 @@
-"""Friction models from records of force and displacement."""

@@ -1,1 +1,0 @@
-"""The plant model from a frequency response."""

@@ -1,1 +1,0 @@
-"""Plant and friction from whole records: every sample counts, not the spectral lines alone."""
