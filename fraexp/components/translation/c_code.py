@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,10 @@ class CLanguage(Language):
 
     operators: ClassVar[Mapping[str, str]] = {"and": "&&", "or": "||", "not": "!", "negate": "-"}
     math_names: ClassVar[Mapping[str, str]] = {"abs": "fabs"}
+    statements: ClassVar[Mapping[str, str]] = {
+        "=": "{} = {};", "if": "if ({}) {{", "else": "} else {", "end if": "}", "break": "break;",
+        "continue": "continue;",
+    }  # fmt: skip
 
     def declared_names(self, function: Function) -> dict[str, str]:
         """Return the names of arrays, parameters and variables."""
@@ -89,15 +93,6 @@ class CLanguage(Language):
         texts += [self.text(function, argument) for argument in given]
         return Text(f"{self.prefix}{called.name}({', '.join(texts)})", "real")
 
-    def assignment(self, target: str, value: str) -> list[str]:
-        """Return the line of an assignment."""
-        return [f"{target} = {value};"]
-
-    def branch(self, test: str, body: Sequence[str], otherwise: Sequence[str]) -> list[str]:
-        """Return the lines of an `if`."""
-        other = ["} else {", *indented(otherwise)] if otherwise else []
-        return [f"if ({test}) {{", *indented(body), *other, "}"]
-
     def loop(
         self, function: Function, counter: str, start: Expression, stop: Expression, step: int, body: Sequence[str]
     ) -> list[str]:
@@ -105,10 +100,6 @@ class CLanguage(Language):
         sign, first, last = "<" if step > 0 else ">", self.text(function, start), self.text(function, stop)
         head = f"for ({counter} = {first}; {counter} {sign} {last}; {counter} += {step}) {{"
         return [head, *indented(body), "}"]
-
-    def loop_exit(self, word: Literal["break", "continue"]) -> list[str]:
-        """Return the line of a `break` or a `continue`."""
-        return [f"{word};"]
 
     def return_value(self, function: Function, value: str) -> list[str]:
         """Return the line of a `return`."""

@@ -80,6 +80,8 @@ class Language(ABC):
     """Operators that are written otherwise than in Python."""
     math_names: ClassVar[Mapping[str, str]]
     """Functions of mathematics that are called otherwise than in Python."""
+    statements: ClassVar[Mapping[str, str]]
+    """How statements are written, by ``=``, ``if``, ``else``, ``end if``, ``break`` and ``continue``."""
 
     def __init__(self, prefix: str) -> None:
         self.prefix = prefix
@@ -127,13 +129,15 @@ class Language(ABC):
     def call(self, function: Function, called: Function, arrays: Sequence[str], given: Sequence[Expression]) -> Text:
         """Return the call of another translated function; arrays go to arrays by name."""
 
-    @abstractmethod
     def assignment(self, target: str, value: str) -> list[str]:
         """Return the lines by which a variable or an element of a state takes a value."""
+        return [self.statements["="].format(target, value)]
 
-    @abstractmethod
     def branch(self, test: str, body: Sequence[str], otherwise: Sequence[str]) -> list[str]:
         """Return the lines of an `if` with its `else`."""
+        words = self.statements
+        other = [words["else"], *indented(otherwise)] if otherwise else []
+        return [words["if"].format(test), *indented(body or [";"]), *other, words["end if"]]
 
     @abstractmethod
     def loop(
@@ -141,9 +145,9 @@ class Language(ABC):
     ) -> list[str]:
         """Return the lines of a `for` over a range of whole numbers; `step` is not 0."""
 
-    @abstractmethod
     def loop_exit(self, word: Literal["break", "continue"]) -> list[str]:
         """Return the lines of a `break` or a `continue`."""
+        return [self.statements[word]]
 
     @abstractmethod
     def return_value(self, function: Function, value: str) -> list[str]:

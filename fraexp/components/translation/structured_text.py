@@ -4,7 +4,7 @@ Arrays are passed by VAR_IN_OUT.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,6 +99,10 @@ class StructuredText(Language):
         "!=": "<>",
     }
     math_names: ClassVar[Mapping[str, str]] = {"log": "LN", "pow": "EXPT", "truncate": "TRUNC"}
+    statements: ClassVar[Mapping[str, str]] = {
+        "=": "{} := {};", "if": "IF {} THEN", "else": "ELSE", "end if": "END_IF;", "break": "EXIT;",
+        "continue": "CONTINUE;",
+    }  # fmt: skip
 
     def __init__(self, prefix: str, is_single: bool = False) -> None:
         super().__init__(prefix)
@@ -154,15 +158,6 @@ class StructuredText(Language):
         named |= {called.names[one.name]: self.text(function, value) for one, value in numbers}
         return Text(f"{self.prefix}{called.name}({named_arguments(named)})", "real")
 
-    def assignment(self, target: str, value: str) -> list[str]:
-        """Return the line of an assignment."""
-        return [f"{target} := {value};"]
-
-    def branch(self, test: str, body: Sequence[str], otherwise: Sequence[str]) -> list[str]:
-        """Return the lines of an IF."""
-        other = ["ELSE", *indented(otherwise)] if otherwise else []
-        return [f"IF {test} THEN", *indented(body or [";"]), *other, "END_IF;"]
-
     def loop(
         self, function: Function, counter: str, start: Expression, stop: Expression, step: int, body: Sequence[str]
     ) -> list[str]:
@@ -173,10 +168,6 @@ class StructuredText(Language):
         by = "" if step == 1 else f" BY {step}"
         head = f"FOR {counter} := {self.text(function, start)} TO {last}{by} DO"
         return [head, *indented(body or [";"]), "END_FOR;"]
-
-    def loop_exit(self, word: Literal["break", "continue"]) -> list[str]:
-        """Return the line of an EXIT or a CONTINUE."""
-        return [{"break": "EXIT;", "continue": "CONTINUE;"}[word]]
 
     def return_value(self, function: Function, value: str) -> list[str]:
         """Return the lines that set the result and leave the function."""
