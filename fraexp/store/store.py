@@ -2,10 +2,11 @@
 
 import signal
 import threading
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import wraps
 from types import FrameType
-from typing import Self
+from typing import Concatenate, ParamSpec, Self, TypeVar
 
 from sqlalchemy import Connection, Engine
 
@@ -20,21 +21,44 @@ from fraexp.store.liveness import steady_time, this_process
 from fraexp.store.queries import annotations, reading, stored_results, sweep_pages
 from fraexp.store.queries.known_names import UnitDeclarations, no_declared_units
 from fraexp.store.stored_records import (
-    ComponentOrigin,
     Deletion,
-    Likeness,
     ListingPage,
     MergeSummary,
     RunProgress,
-    RunSummary,
-    StoredState,
-    StoredSweep,
 )
 from fraexp.store.tables import SCHEMA_NUMBER
 from fraexp.store.validation import FOREIGN_DATA_ERRORS, DamagedError, foreign_data_error
 
 DEFAULT_TIMEOUT_S = 10.0
 """Time to wait for another process that writes."""
+Arguments = ParamSpec("Arguments")
+Found = TypeVar("Found")
+
+
+def _reads(
+    query: Callable[Concatenate[Connection, Arguments], Found],
+) -> Callable[Concatenate["Store", Arguments], Found]:
+    """Return a query as a method of the store, in a transaction of its own."""
+
+    @wraps(query)
+    def method(store: "Store", /, *arguments: Arguments.args, **options: Arguments.kwargs) -> Found:
+        with store._reading() as connection:
+            return query(connection, *arguments, **options)
+
+    return method
+
+
+def _writes(
+    change: Callable[Concatenate[Connection, Arguments], Found],
+) -> Callable[Concatenate["Store", Arguments], Found]:
+    """Return a change as a method of the store, in a transaction of its own."""
+
+    @wraps(change)
+    def method(store: "Store", /, *arguments: Arguments.args, **options: Arguments.kwargs) -> Found:
+        with store._writing() as connection:
+            return change(connection, *arguments, **options)
+
+    return method
 
 
 class Store:
@@ -131,15 +155,28 @@ class Store:
         """A warning about the place of the database; empty if there is none."""
         return self._database.advice()
 
-    def stored_states(self, keys: Iterable[str]) -> dict[str, StoredState]:
-        """Return the state of each sweep that has a result."""
-        with self._reading() as connection:
-            return stored_results.stored_states(connection, keys)
-
-    def like_times(self) -> dict[Likeness, list[float]]:
-        """Return the computing times [s] of the newest results by the components of their sweeps, newest first."""
-        with self._reading() as connection:
-            return stored_results.like_times(connection)
+    # What these take and return is said where they are defined.
+    stored_states = _reads(stored_results.stored_states)
+    like_times = _reads(stored_results.like_times)
+    claim = _writes(leases.claim_sweeps)
+    lease_holders = _reads(leases.find_holders)
+    save = _writes(writing.save_results)
+    fail = _writes(writing.record_failure)
+    runs = _reads(reading.read_runs)
+    run = _reads(reading.read_run)
+    sweeps = _reads(reading.read_sweeps)
+    fields = _reads(sweep_pages.field_names)
+    tag = _writes(annotations.add_tag)
+    untag = _writes(annotations.remove_tag)
+    tags = _reads(annotations.count_tags)
+    annotate = _writes(annotations.annotate)
+    trash = _reads(trash.read_trash)
+    sources = _reads(stored_results.count_sources)
+    find = _reads(reading.find_sweep)
+    find_all = _reads(reading.find_sweeps)
+    log = _reads(reading.read_log)
+    results = _reads(stored_results.read_results)
+    leases = _reads(leases.count_leases)
 
     def begin_run(self, study: str, study_file: str, command: str, provenance: Plain, sweeps: Sequence[Sweep]) -> int:
         """Store a run of this process with its sweeps, all pending, and return its number.
@@ -160,69 +197,16 @@ class Store:
         with self._writing(CONCURRENT) as connection:  # this run must not seem dead while another one stores much
             writing.record_heartbeat(connection, run, progress)
 
-    def claim(self, run: int, keys: Iterable[str], again: bool = False) -> set[str]:
-        """Lease sweeps to a run in one step, and return those that it must compute: no other living run holds them.
-
-        Sweeps with a result are left out; with `again`, those with a result newer than the run. `beat` renews the
-        leases; `save`, `fail`, `end_run` end them, and so does a dead process or a minute without heartbeat.
-        """
-        with self._writing() as connection:
-            return leases.claim_sweeps(connection, run, keys, again)
-
-    def lease_holders(self, keys: Iterable[str]) -> dict[str, int]:
-        """Return the living run that holds the lease of each sweep, for sweeps that are leased."""
-        with self._reading() as connection:
-            return leases.find_holders(connection, keys)
-
     def reuse(self, run: int, keys: Iterable[str]) -> None:
         """Mark sweeps of a run as reused."""
         with self._writing() as connection:
             writing.mark_sweeps(connection, run, keys, "reused")
-
-    def save(
-        self,
-        run: int,
-        results: Sequence[tuple[Sweep, Result, Mapping[str, ComponentOrigin]]],
-        is_fenced: bool = False,
-    ) -> set[str]:
-        """Store results, which replace older ones, and return the keys that the run has stored.
-
-        Parameters
-        ----------
-        results : each sweep with its result and the origin of each of its components by ``kind:name``.
-        is_fenced : store only sweeps whose lease the run holds, as after a silence. A call may be repeated.
-        """
-        with self._writing() as connection:
-            return writing.save_results(connection, run, results, is_fenced)
-
-    def fail(self, run: int, key: str, message: str, log: str, is_fenced: bool = False) -> bool:
-        """Store a failed attempt with its log, and return whether it is stored; an older result stays.
-
-        With `is_fenced` it is stored only if the run holds the lease of the sweep.
-        """
-        with self._writing() as connection:
-            return writing.record_failure(connection, run, key, message, log, is_fenced)
 
     def end_run(self, run: int, state: str) -> None:
         """Store the final state of a run: ``complete``, ``partial`` or ``interrupted``."""
         began = self._begin_times.get(run)
         with self._writing() as connection:
             writing.end_run(connection, run, state, None if began is None else steady_time() - began)
-
-    def runs(self) -> list[RunSummary]:
-        """Return all runs, newest first; one whose process died shows as ``interrupted``."""
-        with self._reading() as connection:
-            return reading.read_runs(connection)
-
-    def run(self, number: int) -> RunSummary:
-        """Return the run with a number."""
-        with self._reading() as connection:
-            return reading.read_run(connection, number)
-
-    def sweeps(self, run: int) -> list[StoredSweep]:
-        """Return the sweeps of a run in grid order, without arrays."""
-        with self._reading() as connection:
-            return reading.read_sweeps(connection, run)
 
     def page(
         self,
@@ -253,31 +237,6 @@ class Store:
                 reading.check_run(connection, run)
             return sweep_pages.matching_keys(connection, filter, run, self._unit_declarations)
 
-    def fields(self) -> list[str]:
-        """Return the names that a filter may use: columns, then parameters, labels and metrics."""
-        with self._reading() as connection:
-            return sweep_pages.field_names(connection)
-
-    def tag(self, keys: Iterable[str], name: str) -> None:
-        """Add a tag, which is a word, to sweeps."""
-        with self._writing() as connection:
-            annotations.add_tag(connection, keys, name)
-
-    def untag(self, keys: Iterable[str], name: str) -> None:
-        """Remove a tag from sweeps."""
-        with self._writing() as connection:
-            annotations.remove_tag(connection, keys, name)
-
-    def tags(self) -> dict[str, int]:
-        """Return the number of sweeps with each tag, by name."""
-        with self._reading() as connection:
-            return annotations.count_tags(connection)
-
-    def annotate(self, key: str, text: str) -> None:
-        """Set the note of a sweep; an empty text removes it."""
-        with self._writing() as connection:
-            annotations.annotate(connection, key, text)
-
     def note(self, key: str) -> str:
         """Return the note of a sweep; empty if it has none."""
         with self._reading() as connection:
@@ -292,11 +251,6 @@ class Store:
             for number in runs:
                 reading.check_run(connection, number)
             return trash.move_to_trash(connection, keys, runs)
-
-    def trash(self) -> list[Deletion]:
-        """Return what is in the trash, by deletion, the latest one first."""
-        with self._reading() as connection:
-            return trash.read_trash(connection)
 
     def undelete(self, keys: Sequence[str] = (), runs: Sequence[int] = ()) -> Deletion:
         """Bring sweeps, and runs with their sweeps, back from the trash, and return those that came back.
@@ -321,26 +275,6 @@ class Store:
             self._database.tidy()
         return gone
 
-    def sources(self) -> dict[str, dict[str, int]]:
-        """Return the number of sweeps of each component, by ``kind:name`` and by the hash of its source."""
-        with self._reading() as connection:
-            return stored_results.count_sources(connection)
-
-    def find(self, prefix: str) -> StoredSweep:
-        """Return the sweep whose key starts with a prefix, with or without ``fx2-``, as in its latest run."""
-        with self._reading() as connection:
-            return reading.find_sweep(connection, prefix)
-
-    def find_all(self, keys: Iterable[str]) -> dict[str, StoredSweep]:
-        """Return the sweeps with these whole keys, as in their latest runs, in the order of the keys."""
-        with self._reading() as connection:
-            return reading.find_sweeps(connection, keys)
-
-    def log(self, key: str) -> str:
-        """Return the log of a sweep's latest attempt; empty if it did not fail."""
-        with self._reading() as connection:
-            return reading.read_log(connection, key)
-
     def result(self, key: str) -> Result:
         """Return the result of a sweep, with arrays."""
         if (found := self.results([key]).get(key)) is None:
@@ -348,16 +282,6 @@ class Store:
         if found.outcome is Outcome.DAMAGED:
             raise StoreError(f"{self.name}: sweep {key[4:12]}: {found.message}; {Outcome.DAMAGED.value}")
         return found
-
-    def results(self, keys: Iterable[str]) -> dict[str, Result]:
-        """Return the result of each sweep that has one, with arrays."""
-        with self._reading() as connection:
-            return stored_results.read_results(connection, keys)
-
-    def leases(self) -> dict[int, int]:
-        """Return the number of leases of each run, dead or alive."""
-        with self._reading() as connection:
-            return leases.count_leases(connection)
 
     def size(self) -> int:
         """Return the size of the database [bytes]."""

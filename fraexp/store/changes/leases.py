@@ -42,10 +42,11 @@ RELEASE_ALL = delete(lease).where(lease.c.run == bindparam("number"))
 RELEASE = RELEASE_ALL.where(is_one_of(lease.c.key))
 
 
-def claim_sweeps(connection: Connection, number: int, keys: Iterable[str], is_rerun: bool) -> set[str]:
-    """Lease sweeps to a run: those that have no result and that no other living run holds.
+def claim_sweeps(connection: Connection, number: int, keys: Iterable[str], again: bool = False) -> set[str]:
+    """Lease sweeps to a run in one step, and return those that it must compute: no other living run holds them.
 
-    With `is_rerun` a result that is older than the run counts as none.
+    Sweeps with a result are left out; with `again`, those with a result newer than the run. A heartbeat renews the
+    leases; results, failures and the end of the run end them, and so does a dead process or a minute without heartbeat.
     """
     time_now = now(connection)
     started = connection.scalar(START, {"number": number})
@@ -57,7 +58,7 @@ def claim_sweeps(connection: Connection, number: int, keys: Iterable[str], is_re
     for chunk in key_chunks(keys):
         free, abandoned = set(), []
         for row in connection.execute(OWNERS, {"keys": chunk}).all():
-            fresh = row.outcome is not None and not (is_rerun and row.created < started)
+            fresh = row.outcome is not None and not (again and row.created < started)
             if fresh or (row.number not in (None, number) and _run_is_alive(row, time_now, alive, host)):
                 continue
             free.add(row.key)

@@ -190,7 +190,10 @@ def save_results(
 ) -> set[str]:
     """Store results, which replace older ones of the same sweeps, and return the keys that this run has stored.
 
-    With `is_fenced` only those are stored whose lease the run holds.
+    Parameters
+    ----------
+    results : each sweep with its result and the origin of each of its components by ``kind:name``.
+    is_fenced : store only sweeps whose lease the run holds, as after a silence. A call may be repeated.
     """
     if connection.scalar(FIND_NUMBER, {"of_run": number}) is None:
         raise StoreError(f"there is no run {number}; begin one before saving")

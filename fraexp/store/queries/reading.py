@@ -56,7 +56,7 @@ MAX_COLUMN_INTEGER = 2**31 - 1
 
 
 def read_runs(connection: Connection, number: int | None = None) -> list[RunSummary]:
-    """Return all runs, newest first, or the run with a number."""
+    """Return all runs, newest first, or the run with a number; one whose process died shows as ``interrupted``."""
     counting = select(run_sweep.c.run, run_sweep.c.state, func.count(), sum_of_digests())
     counting = counting.group_by(run_sweep.c.run, run_sweep.c.state)
     numbering = select(run.c.number)
@@ -150,7 +150,7 @@ def _count_sweeps(connection: Connection, number: int) -> int:
 
 
 def find_sweep(connection: Connection, prefix: str) -> StoredSweep:
-    """Return the sweep whose key starts with a prefix, as in its latest run."""
+    """Return the sweep whose key starts with a prefix, with or without ``fx2-``, as in its latest run."""
     if len(prefix.rpartition("-")[2]) < MIN_PREFIX:
         raise StoreError(f"'{prefix}' is too short for the key of a sweep; give {MIN_PREFIX} characters or more")
     # Digits are hexadecimal, so everything that starts with the prefix lies below prefix + "g".

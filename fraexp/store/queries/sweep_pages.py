@@ -107,7 +107,7 @@ def matching_keys(
 
 
 def field_names(connection: Connection) -> list[str]:
-    """Return all names that a filter can use."""
+    """Return the names that a filter may use: columns, then parameters, labels and metrics."""
     return KnownNames.of(connection).all()
 
 
