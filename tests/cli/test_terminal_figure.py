@@ -44,7 +44,7 @@ def test_curves_are_drawn_without_a_response(
 ) -> None:
     text = said(capsys, "plot", short_key(sweeps[2].key), "--terminal", "--workspace", str(workspace))
     assert is_braille(text)
-    assert "Friction force [N] over Displacement" in text
+    assert "Friction force [N] over displacement" in text
 
 
 def test_a_comparison_draws_the_differences(

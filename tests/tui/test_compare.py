@@ -222,7 +222,7 @@ def test_responses_in_other_units_and_without_any_are_told_and_reached(tmp_path:
         await shows(pilot, "Magnitude [dB re 1 rad/N]")
         assert list(page.labels()) == [1]
         await pilot.press("v")
-        await shows(pilot, "Friction force [N] over Displacement [µm]")
+        await shows(pilot, "Friction force [N] over displacement [µm]")
         assert "--kind hysteresis" in page.command
         assert short_key(keys[2]) in page.command
         assert short_key(keys[0]) not in page.command

@@ -17,6 +17,7 @@ from textual.pilot import Pilot
 from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.figures.elements.grouping import ShownResult
 from fraexp.tui.plotting.braille import BLANK_CODE, DOTS_ACROSS, DOTS_DOWN, line_dots
+from fraexp.tui.plotting.cell_canvas import CellCanvas
 from fraexp.tui.plotting.curve_styles import CurveStyles
 from fraexp.tui.plotting.panel_drawing import ISOLATED_SIGN, RESONANCE_SIGN, UNSETTLED_SIGN, prominences, settled_line
 from fraexp.tui.plotting.plot_stack import PlotStack
@@ -183,22 +184,21 @@ def test_points_that_had_not_settled_are_hollow_and_not_joined() -> None:
     shown([("a", replace(response, settled=settled))], steps)
 
 
-def test_limits_are_shaded_around_a_line_until_they_are_taken_away() -> None:
+def test_limits_are_hatched_to_the_dot_until_they_are_taken_away() -> None:
     async def steps(view: PlotStack, pilot: Pilot[None]) -> None:
-        def grounds() -> set[str]:
-            styles = [of.style for plot in plots_of(view) for row in range(plot.cells[1])
-                      for of in plot.render_line(TOP_CELLS + row)]  # fmt: skip
-            return {style.bgcolor.name for style in styles if style and style.bgcolor}
-
-        view.zoom(y=8)
-        await settle(pilot)
-        assert len(grounds()) > 2  # whole and partly covered cells
+        hatched = [sum(len(row) for row in curve_dots(plot)) for plot in plots_of(view)]
         view.view_range.bands = False
         view.draw()
         await settle(pilot)
-        assert len(grounds()) == 1
+        assert all(
+            sum(len(row) for row in curve_dots(of)) < most for of, most in zip(plots_of(view), hatched, strict=True)
+        )
 
-    shown([("a", resonant(np.geomspace(1, 30, 50)))], steps)
+    response = resonant(np.geomspace(1, 30, 50))
+    shown([("a", replace(response, covariance=1e3 * response.covariance))], steps)
+    limits = np.array([[4.0, 4.0], [6.0, 6.0]])
+    dots = CellCanvas((20, 5), (0, 0, 20, 5), WINDOW, "#000000")._hatched(np.array([0.0, 10]), limits)
+    assert [row.any() for row in dots] == [False, False, True, False, False], "of 20 rows of dots, the middle four"
 
 
 def test_curves_that_coincide_are_both_visible() -> None:

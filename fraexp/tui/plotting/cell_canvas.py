@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -17,10 +18,14 @@ Points = tuple[NDArray[np.float64], NDArray[np.float64]]
 """x and y, each of shape (n,)."""
 Limits = tuple[NDArray[np.float64], NDArray[np.float64] | None]
 """x of shape (n,), and lower and upper limits of y, shape (2, n)."""
-BAND_OPACITY = 0.3
-"""Opacity of a confidence band over the background."""
+HATCH_STEP, HATCH_OPACITY = 4, 0.55
+"""Every how many dots a row of a hatched band has one, and the opacity of their colour over the background."""
+RUN_CELLS = 4
+"""Cells for which one of the curves that share them keeps its colour."""
 GRID_DASH = 2
 """Every how many dots a grid line has one."""
+Dots = tuple[NDArray[np.uint8], str]
+"""Codes of the characters of cells, shape (rows, columns), and their colour."""
 Cache = dict[tuple[Hashable, ...], NDArray[np.uint8]]
 """Codes of lines that were drawn before, valid for one window and size."""
 
@@ -29,7 +34,8 @@ Cache = dict[tuple[Hashable, ...], NDArray[np.uint8]]
 class CellCanvas:
     """The area within the axes of a plot, and the labels around it.
 
-    Where curves overlap, their colours alternate from cell to cell, so that each of them stays visible.
+    Where curves overlap, they are one line whose colour alternates, so that each of them stays visible. Bands are
+    hatched behind them, exact to the dot.
     """
 
     size: tuple[int, int]
@@ -39,16 +45,10 @@ class CellCanvas:
     window: Window
     background: str
     cache: Cache = field(default_factory=dict)
-    shades_bands: bool = True
-    """Whether bands are shaded; without colours their edges are drawn."""
 
     def __post_init__(self) -> None:
-        columns, rows = self.inner[2:]
-        self._curves: list[tuple[NDArray[np.uint8], str]] = []
-        self._grid = np.zeros((rows, columns), dtype=np.uint8)
-        self._grid_colour = ""
-        self._shade = np.zeros((rows, columns, 3))
-        self._opacity = np.zeros((rows, columns))
+        self._layers: tuple[list[Dots], ...] = ([], [], [])
+        """Grid, bands and curves: in a cell, the dots of a layer replace those of the layers before."""
         self._texts: dict[tuple[int, int], tuple[str, str]] = {}
         """Character and style by column and row; later ones replace earlier ones."""
 
@@ -75,11 +75,11 @@ class CellCanvas:
             dots |= dash_dots(
                 line_dots(np.array([left, right]), np.full(2, at), self.window, self.cells), 1, 2 * GRID_DASH
             )
-        self._grid, self._grid_colour = dot_bits(dots), colour
+        self._layers[0].append((dot_bits(dots), colour))
 
     def line(self, key: Hashable, points: Callable[[], Points], colour: str, dash: tuple[int, int] = (1, 1)) -> None:
         """Draw a line, of which `dash` gives the dots drawn and the dots of a period; `points` are asked for once."""
-        self._curves.append((self._cached((key, dash), lambda: self._dashed(points(), dash)), colour))
+        self._layers[2].append((self._cached((key, dash), lambda: self._dashed(points(), dash)), colour))
 
     def _cached(self, key: tuple[Hashable, ...], make: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
         if key not in self.cache:
@@ -90,26 +90,18 @@ class CellCanvas:
         return dot_bits(dash_dots(line_dots(*points, self.window, self.cells), *dash))
 
     def band(self, key: Hashable, limits: Callable[[], Limits], colour: str) -> None:
-        """Shade the area between lower and upper limits, or draw its edges."""
-        if self.shades_bands:
-            covered = self._cached((key, "band"), lambda: self._coverage(*limits()))
-            opacity = BAND_OPACITY * covered / (DOTS_ACROSS * DOTS_DOWN)
-            self._shade += opacity[:, :, None] * np.array(Color.parse(colour).rgb)
-            self._opacity += opacity
-            return
-        x, edges = limits()
-        for index, edge in enumerate(edges if edges is not None else ()):
-            low, high = self.window[2] - 1e3, self.window[3] + 1e3
-            inside = np.where(np.isnan(edge), np.nan, np.clip(edge, low, high))
-            self.line((key, index), lambda of=inside: (x, of), colour, (1, 3))  # type: ignore[misc]
+        """Hatch the area between lower and upper limits."""
+        dots = self._cached((key, "band"), lambda: self._hatched(*limits()))
+        mixed = Color.parse(self.background).blend(Color.parse(colour), HATCH_OPACITY)
+        self._layers[1].append((dots, mixed.hex))
 
-    def _coverage(self, x: NDArray[np.float64], limits: NDArray[np.float64] | None) -> NDArray[np.uint8]:
-        """Return the number of dots of each cell that lie between the limits."""
-        columns, rows = self.cells
+    def _hatched(self, x: NDArray[np.float64], limits: NDArray[np.float64] | None) -> NDArray[np.uint8]:
+        size = DOTS_ACROSS * self.cells[0], DOTS_DOWN * self.cells[1]
         if limits is None:
-            return np.zeros((rows, columns), dtype=np.uint8)
-        covered = band_mask(x, limits, self.window, (DOTS_ACROSS * columns, DOTS_DOWN * rows))
-        return np.asarray(covered.reshape(rows, DOTS_DOWN, columns, DOTS_ACROSS).sum(axis=(1, 3)), dtype=np.uint8)
+            return dot_bits(np.zeros(size[::-1], dtype=bool))
+        return dot_bits(
+            band_mask(x, limits, self.window, size) & (np.add.outer(*map(np.arange, size[::-1])) % HATCH_STEP == 0)
+        )
 
     def signs(self, x: NDArray[np.float64], y: NDArray[np.float64], sign: str, colour: str) -> None:
         """Draw a sign at each point within the window."""
@@ -150,59 +142,35 @@ class CellCanvas:
         left, top, width, height = self.inner
         inside = slice(top, top + height), slice(left, left + width)
         codes[inside], styles[inside] = self._merge(names)
+        curves = {colour for _, colour in self._layers[2]}
         for (column, row), (character, style) in self._texts.items():
-            if character == "│" and BLANK_CODE < codes[row, column] < BLANK_CODE + 256 and styles[row, column] > 1:
+            if character == "│" and names[styles[row, column]] in curves:
                 continue  # the cursor does not cover curves
             codes[row, column], styles[row, column] = ord(character), _index_of(names, style)
-        grounds = self._grounds()
-        return [self._strip(row, codes[row], styles[row], names, grounds) for row in range(rows)]
+        return [self._strip(codes[row], styles[row], names) for row in range(rows)]
 
     def _merge(self, names: list[str]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the codes of all cells within the axes, and the indices of their styles, which are added to `names`.
+        """Return the codes of all cells within the axes, and the indices of their styles, which go into `names`."""
+        columns, rows = self.cells
+        codes, styles = np.full((rows, columns), ord(" ")), np.zeros((rows, columns), dtype=np.int64)
+        for layer in self._layers:
+            if not layer:
+                continue
+            bits = np.stack([of for of, _ in layer])
+            style_of = np.array([_index_of(names, colour) for _, colour in layer])
+            order = np.cumsum(bits > 0, axis=0)
+            count = order[-1]
+            turn = (np.arange(columns)[None, :] // RUN_CELLS % np.maximum(count, 1)) + 1
+            chosen = np.argmax((order == turn) & (bits > 0), axis=0)
+            codes = np.where(count > 0, BLANK_CODE + np.bitwise_or.reduce(bits, axis=0).astype(np.int64), codes)
+            styles = np.where(count > 0, style_of[chosen], styles)
+        return codes, styles
 
-        Index 1 is the grid.
-        """
-        names.append(self._grid_colour)
-        codes = np.where(self._grid > 0, BLANK_CODE + self._grid.astype(np.int64), ord(" "))
-        styles = np.ones(codes.shape, dtype=np.int64)
-        if not self._curves:
-            return codes, styles
-        bits = np.stack([of for of, _ in self._curves])
-        style_of = np.array([_index_of(names, colour) for _, colour in self._curves])
-        order = np.cumsum(bits > 0, axis=0)
-        count = order[-1]
-        turn = (np.arange(bits.shape[2])[None, :] % np.maximum(count, 1)) + 1
-        chosen = np.argmax((order == turn) & (bits > 0), axis=0)
-        codes = np.where(count > 0, BLANK_CODE + np.bitwise_or.reduce(bits, axis=0).astype(np.int64), codes)
-        return codes, np.where(count > 0, style_of[chosen], styles)
-
-    def _grounds(self) -> NDArray[np.int64]:
-        """Return the background of each cell within the axes as a number; -1 where nothing is shaded."""
-        opacity = np.minimum(self._opacity, 2 * BAND_OPACITY)
-        share = np.divide(opacity, self._opacity, out=np.zeros_like(opacity), where=self._opacity > 0)[:, :, None]
-        ground = (1 - opacity)[:, :, None] * np.array(Color.parse(self.background).rgb) + share * self._shade
-        parts = np.clip(np.rint(ground), 0, 255).astype(np.int64)
-        return np.where(self._opacity > 0.02, (parts << np.array([16, 8, 0])).sum(axis=2), -1)
-
-    def _strip(
-        self,
-        row: int,
-        codes: NDArray[np.int64],
-        styles: NDArray[np.int64],
-        names: list[str],
-        grounds: NDArray[np.int64],
-    ) -> Strip:
-        shade = np.full(codes.shape, -1)
-        left, top, width, height = self.inner
-        if top <= row < top + height:
-            shade[left : left + width] = grounds[row - top]
+    def _strip(self, codes: NDArray[np.int64], styles: NDArray[np.int64], names: list[str]) -> Strip:
         text = "".join(map(chr, codes.tolist()))
-        changes = np.flatnonzero((np.diff(styles) != 0) | (np.diff(shade) != 0)) + 1
-        ends = [0, *changes.tolist(), len(text)]
+        ends = [0, *(np.flatnonzero(np.diff(styles)) + 1).tolist(), len(text)]
         base = Style(bgcolor=self.background)
-        segments = [
-            Segment(text[a:b], base + _style(names[styles[a]], int(shade[a]))) for a, b in pairwise(ends) if b > a
-        ]
+        segments = [Segment(text[a:b], base + _style(names[styles[a]])) for a, b in pairwise(ends) if b > a]
         return Strip(segments, len(text))
 
 
@@ -242,13 +210,6 @@ def _index_of(names: list[str], name: str) -> int:
     return names.index(name)
 
 
-_STYLES: dict[tuple[str, int], Style] = {}
-
-
-def _style(name: str, ground: int) -> Style:
-    """Return a style by its text and the number of its background; -1 is none."""
-    if (name, ground) not in _STYLES:
-        _STYLES[name, ground] = Style.parse(name or "none") + (
-            Style(bgcolor=f"#{ground:06x}") if ground >= 0 else Style()
-        )
-    return _STYLES[name, ground]
+@lru_cache
+def _style(name: str) -> Style:
+    return Style.parse(name or "none")

@@ -107,7 +107,7 @@ class Plot(Widget, can_focus=False):
         if made_for != self._cache_key:
             self._cache_key, self._cache = made_for, {}
         canvas = self._canvas()
-        canvas.cache, canvas.shades_bands = self._cache, not drawing.styles.digits
+        canvas.cache = self._cache
         across = TickFormatter(columns, logarithmic=panel.spectral).ticks(*self.window[:2])
         up = TickFormatter(rows, upright=True, logarithmic=panel.decades, angle=panel.angle).ticks(*self.window[2:])
         drawing.draw(canvas, ([at for at, _ in across], [at for at, _ in up]))

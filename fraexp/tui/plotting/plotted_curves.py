@@ -265,7 +265,7 @@ def _panel_picture(kind: str, figure: PanelFigure, note: str = "") -> Picture:
     """Return what a figure shows of results that are known by their number."""
     panels = [
         PlotPanel(
-            f"{panel.ordinate} over {family.abscissa}",
+            panel.ordinate if family.unit == "Hz" else f"{panel.ordinate} over {_begin_small(family.abscissa)}",
             panel.unit,
             family.unit,
             tuple(
@@ -283,6 +283,10 @@ def _panel_picture(kind: str, figure: PanelFigure, note: str = "") -> Picture:
     along = "% of the loop" if figure.is_loop else panels[0].abscissa
     cursor = along if figure.is_loop or len({panel.abscissa for panel in panels}) == 1 else "of x"
     return Picture(kind, figure.title, tuple(panels), cursor, upright=not figure.is_loop, note=note)
+
+
+def _begin_small(text: str) -> str:
+    return text[:1].lower() + text[1:]
 
 
 def _traces(line: GroupedLine, is_loop: bool, spectral: bool, decades: bool) -> list[PlotTrace]:

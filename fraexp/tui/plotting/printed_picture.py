@@ -48,19 +48,16 @@ async def _draw(picture: Picture, size: tuple[int, int], dark: bool, plain: bool
         await pilot.pause()
         shown = [plot for plot in stack.query(Plot) if plot.display]
         return [
-            [_without_ground(segment, plot) for segment in plot.render_line(row)]
+            [_without_ground(segment) for segment in plot.render_line(row)]
             for plot in shown
             for row in range(plot.size.height)
         ]
 
 
-def _without_ground(segment: Segment, plot: Plot) -> Segment:
-    """Return a segment on the background of the terminal, unless it is shaded."""
-    style, ground = segment.style, plot.background_colors[1].hex6.lower()
-    if style is None or style.bgcolor is None or style.bgcolor.name.lower() != ground:
-        return segment
-    colour = style.color
-    return Segment(segment.text, Style(color=colour, bold=style.bold))
+def _without_ground(segment: Segment) -> Segment:
+    """Return a segment on the background of the terminal."""
+    style = segment.style or Style()
+    return Segment(segment.text, Style(color=style.color, bold=style.bold))
 
 
 def legend_lines(names: Mapping[int, str], dark: bool = True, plain: bool = False) -> Lines:

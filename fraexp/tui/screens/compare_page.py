@@ -267,7 +267,7 @@ The digit of a curve hides or shows it; beyond nine, focus it and press the full
 curve (>). Where curves overlap, their colours alternate. Other curves are shown one kind at a time.
 Random draws at one point of the grid are one curve: their median in a band of 5 to 95 %. Enter opens them, Esc returns.
 G chooses the labels that make groups; g shows the next part of what does not fit into one view.
-The shade around other curves is their 95 % limits; hollow points had not reached steady state, and are not joined.
+Hatching around other curves is their 95 % limits; hollow points had not reached steady state, and are not joined.
 The wheel zooms around the pointer, with Shift in y; dragging moves the curves. The table lists differences only.
 An exported figure shows the visible curves and frequencies.
 """
