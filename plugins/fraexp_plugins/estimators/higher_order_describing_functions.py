@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    ROUNDING,
     Curve,
     Finding,
     Metric,
@@ -25,18 +26,12 @@ from fraexp.api import (
 from fraexp_plugins.estimators._shared.delayed_estimator import PlantReferredEstimator
 from fraexp_plugins.estimators._shared.realisations import mean
 
-MAX_RELATIVE_ERROR = 0.02
-"""Error of H_k by the removal of the input's harmonics above which the outcome is inaccurate."""
 MAX_KNOWN_ERROR = 0.5
 """Error of H_k from which it is unknown."""
 RELEVANT_RATIO = 0.05
 """Amplitude of a harmonic over that of the largest one from which its error matters."""
 BEYOND_MARGIN = 10.0
 """Factor by which the response above the highest fundamental may exceed that at the highest fundamental."""
-NEGLIGIBLE_CORRECTION, NEGLIGIBLE_AMPLITUDE = 1e-3, 1e-9
-"""Correction over the harmonic, and over the fundamental, up to which it is negligible."""
-UNKNOWN_ERROR = 10.0
-"""Error of ln H_1 between two frequencies, which show no curvature."""
 INCREMENT_FACTORS = 6.0, 3.0
 """Change of the response to a small harmonic by the distortion at ω, and that of H_1 by the distortion at kω."""
 
@@ -58,7 +53,7 @@ class HigherOrderDescribingFunctions(PlantReferredEstimator, name="higher_order_
     one is that the machine responds to a small harmonic beside the large sine otherwise than to a sine alone: for
     u + αu³ by 1 + 6d instead of H_1's 1 + 3d, d = αA²/4 being the distortion referred to the input. Both count in
     full: 6 d(ω) + 3 d(kω) of what is removed; with a `plant` its distance from H_1 counts too, by which friction
-    changes the response. Above 2 % of H_k the outcome is `INACCURATE`, above 50 % H_k is unknown.
+    changes the response. Beyond the accuracy of the study the outcome is `INACCURATE`, above 50 % H_k is unknown.
 
     H_k is valid for the amplitude at which it was measured. Do not use it at another amplitude.
     """
@@ -93,7 +88,7 @@ class HigherOrderDescribingFunctions(PlantReferredEstimator, name="higher_order_
         greatest = float(np.nanmax(distortion)) if np.isfinite(distortion).any() else np.nan
         metric = Metric("greatest total harmonic distortion", greatest, "1")
         found = replace(found, metrics=(metric,), curves=(*curves, thd))
-        return found.with_findings(inaccurate, is_doubt=True).with_findings(_unknown(frequency, y, distortion))
+        return found.with_findings(inaccurate, _unknown(frequency, y, distortion))
 
     def _paths(self, segment: Segment, frequency: NDArray[np.float64]) -> "_Paths":
         """Return the paths before and behind the plant at `frequency` [Hz]; ones if they are to stay."""
@@ -127,11 +122,10 @@ class HigherOrderDescribingFunctions(PlantReferredEstimator, name="higher_order_
             error *= np.abs(removed)
             highest = np.argmax(frequency)
             bound = BEYOND_MARGIN * np.abs(y[highest, 0] / u[highest, 0] * u)
-            negligible = bound <= np.maximum(NEGLIGIBLE_CORRECTION * size, NEGLIGIBLE_AMPLITUDE * size[:, :1])
             is_beyond = ~np.isfinite(response)
             removed, error = np.where(is_beyond, 0.0, removed), np.where(is_beyond, bound, error)
-            rounding = error <= NEGLIGIBLE_AMPLITUDE * size[:, :1]
-            is_known = np.where(is_beyond, negligible, rounding | (error <= MAX_KNOWN_ERROR * np.abs(y - removed)))
+            rounding = error <= ROUNDING * size[:, :1]
+            is_known = rounding | (~is_beyond & (error <= MAX_KNOWN_ERROR * np.abs(y - removed)))
         removed[:, 0], error[:, 0], is_known[:, 0] = 0.0, 0.0, True
         return _Removal(removed, error, is_known)
 
@@ -229,7 +223,7 @@ def _left_out_errors(x: NDArray[np.float64], value: NDArray[np.complex128]) -> N
     At a distance h it is four times the error of straight lines between the values, and larger near a resonance.
     """
     if x.size < 3:
-        return np.full(x.size, UNKNOWN_ERROR)
+        return np.full(x.size, np.inf)
     part = (x[1:-1] - x[:-2]) / (x[2:] - x[:-2])
     inner = np.abs(value[1:-1] - (1 - part) * value[:-2] - part * value[2:])
     return np.concatenate([inner[:1], inner, inner[-1:]])
@@ -255,23 +249,22 @@ def _increment_error(
 def _inaccuracy(
     frequency: NDArray[np.float64], y: NDArray[np.complex128], error: NDArray[np.float64]
 ) -> Finding | None:
-    """Return the largest error by the removal of the input's harmonics, and what helps; None if it is small."""
+    """Return the largest error by the removal of the input's harmonics, and what helps; None without any."""
     size = np.where(np.isfinite(y), np.abs(y), 0.0)[:, 1:]
     if not size.size:
         return None
-    least = np.maximum(RELEVANT_RATIO * size.max(axis=1, keepdims=True), NEGLIGIBLE_AMPLITUDE * np.abs(y[:, :1]))
+    least = np.maximum(RELEVANT_RATIO * size.max(axis=1, keepdims=True), ROUNDING * np.abs(y[:, :1]))
     matters = size > least
     relative = np.where(matters, error[:, 1:] / np.where(matters, size, 1.0), 0.0)
-    if relative.max() <= MAX_RELATIVE_ERROR:
+    if relative.max() <= ROUNDING:
         return None
     row, column = np.unravel_index(np.argmax(relative), relative.shape)
-    rows = frequency[np.any(relative > MAX_RELATIVE_ERROR, axis=1)]
     error_there = Quantity(100 * float(relative[row, column]), "%", f"error of H{column + 2}", float(frequency[row]))
     return Finding(
         "remark",
         (error_there,),
-        tuple(map(float, rows)),
         text="the removal of the input's harmonics leaves an error",
+        error=float(relative[row, column]),
         remedy="measure at closer frequencies or give 'plant', lower the amplitude, or take a slower controller",
     )
 
@@ -305,6 +298,6 @@ def _distortion(y: NDArray[np.complex128], error: NDArray[np.float64]) -> NDArra
         return np.full(len(size), np.nan)
     total = np.sqrt(np.sum(size[:, 1:] ** 2, axis=1))
     deviation = np.sqrt(np.sum(error[:, 1:] ** 2, axis=1))
-    is_known = (deviation <= MAX_KNOWN_ERROR * total) | (deviation <= NEGLIGIBLE_AMPLITUDE * size[:, 0])
+    is_known = (deviation <= MAX_KNOWN_ERROR * total) | (deviation <= ROUNDING * size[:, 0])
     with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
         return np.where(is_known, total / size[:, 0], np.nan)

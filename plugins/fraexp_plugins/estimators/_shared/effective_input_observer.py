@@ -26,7 +26,7 @@ from fraexp.api import (
     record_spectrum,
 )
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator, LoopDelays
-from fraexp_plugins.estimators._shared.measured_motion import CLEAR_TERM_STDS
+from fraexp_plugins.estimators._shared.measured_motion import clear_power
 
 EFFECTIVE_INPUT = "u_e"
 """Name of the channel û_e."""
@@ -36,11 +36,6 @@ MAX_SHIFTS_BYTES = 1 << 25
 """Memory of all that are cached."""
 LEAST_POINTS, MOST_POINTS = 4, 64
 """Least and greatest number of points per sample that is chosen."""
-ERROR_RATIO = 2 / 3
-"""Error over the change by twice as many points: a third for a method of second order, and as much again where the
-friction turns."""
-MAX_EXAMINED = 3
-"""Maximum number of segments that are tried with several numbers of points."""
 TOLERANCE_RATIO = 10.0
 """Tolerated error of y'/û_e over that of y'/u: the effective input is a small difference."""
 FREQUENCIES_PER_BLOCK = 8192
@@ -147,7 +142,7 @@ class ObserverEstimator(DelayedEstimator, ABC):
         if self.oversampling:
             return self
         waiting, points = _examined(segments), LEAST_POINTS
-        tolerance = TOLERANCE_RATIO * self.interpolation_tolerance / ERROR_RATIO
+        tolerance = TOLERANCE_RATIO * self.interpolation_tolerance
         coarse = self._oversampled(points // 2)._friction_phasors(waiting)
         while points < MOST_POINTS:
             fine = self._oversampled(points)._friction_phasors(waiting)
@@ -305,8 +300,8 @@ def _examined(segments: Sequence[Segment]) -> list[Segment]:
     """Return the segments that are tried: one of several realisations, which are alike."""
     if any(segment.lines.size > 1 for segment in segments):
         return list(segments[:1])
-    numbers = sorted(set(np.linspace(0, len(segments) - 1, MAX_EXAMINED).round().astype(int).tolist()))
-    return [segments[number] for number in numbers]
+    last = len(segments) - 1
+    return [segments[number] for number in sorted({0, last // 2, last})]
 
 
 def _relative_change(
@@ -331,7 +326,7 @@ def _record_path(delays: LoopDelays, size: int, sample_time: float) -> NDArray[n
 
 def _significant_terms(bins: NDArray[np.complex128], variance: float) -> NDArray[np.complex128]:
     """Return a Fourier series without the terms that scatter of this variance can explain."""
-    return np.where(np.abs(bins) < CLEAR_TERM_STDS * np.sqrt(variance), 0, bins) if variance else bins
+    return np.where(np.abs(bins) ** 2 < clear_power(bins.size) * variance, 0, bins) if variance else bins
 
 
 def is_from_rest(segment: Segment) -> bool:

@@ -40,10 +40,6 @@ it."""
 UNSTATED = "if it is not given 0.1, and 0 where the model is the simulated machine's own"
 MIN_FACTOR = 0.1
 """Factor of a scale by its error, at least."""
-MAX_DEVIATION = 0.5
-"""Posterior over prior standard deviation up to which a scale is reported: else it is hardly more than the prior."""
-REACH = 2.0
-"""Half width of central differences of 1/P̂, in standard deviations: about as far as the edge of the confidence band."""
 CONTACTS_REMEDY = "raise the amplitude, or estimate plant and friction along the whole record (maximum_likelihood)"
 """What helps where one of several contacts stands."""
 
@@ -87,8 +83,6 @@ class ModelErrors(NamedTuple):
         for (name, of), mean, size in zip(
             self.numbers.items(), posterior.mean.tolist(), deviations.tolist(), strict=False
         ):
-            if size > MAX_DEVIATION:
-                continue
             found.append(Metric(f"{name} by harmonics", max(of.value + of.std * mean, of.least), of.unit))
             found.append(Metric(f"{name} by harmonics, 95 %", NORMAL_QUANTILE * of.std * size, of.unit))
         return tuple(found) if posterior.harmonics else ()
@@ -146,8 +140,8 @@ def with_model_errors(
         posterior = friction_posterior(record, errors.force_terms, errors.stiffness, errors.size)
     covariance = np.zeros((found.response.frequency.size, 2, 2))
     for column in posterior.root.T:
-        sides = [errors.inverse_with(posterior.mean + side * REACH * column) for side in (1.0, -1.0)]
-        covariance += outer_parts((sides[0] - sides[1]) / (2 * REACH))
+        sides = [errors.inverse_with(posterior.mean + side * NORMAL_QUANTILE * column) for side in (1.0, -1.0)]
+        covariance += outer_parts((sides[0] - sides[1]) / (2 * NORMAL_QUANTILE))
     change = np.zeros(len(covariance), dtype=complex)
     if posterior.harmonics:
         change = errors.inverse_with(posterior.mean) - errors.inverse_with(none)

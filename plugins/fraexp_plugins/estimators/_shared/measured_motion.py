@@ -14,26 +14,31 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import MAX_ITERATIONS, Encoder, Result, Segment, grid_step, phasor_variance, record_spectrum
+from fraexp.api import (
+    MAX_ITERATIONS,
+    ROUNDING,
+    SIGNIFICANCE,
+    Encoder,
+    Result,
+    Segment,
+    grid_step,
+    phasor_variance,
+    record_spectrum,
+    significant_deviation,
+)
 
 NEGLIGIBLE_SHARE = 1e-5
 """Step over the range of a channel below which its rounding is negligible: that of the numbers in a file."""
 ROUNDING_HARMONICS = 200
 """Terms of the Fourier series of the rounding error over one quantisation step."""
-SIGNIFICANT_DITHER = 0.75
-"""Noise in quantisation steps, times the order, from which dither removes a harmonic of the rounding error."""
 COHERENCE = 2.0
 """Variance of a term by rounding that repeats, over that of white rounding: about a step of the scale, where a loop
 rests, neighbouring terms err alike. In the loop of the paper at 12 N it is 2.1 over 1 to 55 Hz."""
-CLEAR_TERM_STDS = 3.0
-"""Size of a term of the Fourier series, in standard deviations of its noise, from which an observer takes it."""
 LEAST_ERROR = 0.1
 """Relative error of a term that friction predicts, at least: a measured term is never given up for it altogether."""
 MIN_NEIGHBOURS, NEIGHBOUR_SHARE = 4, 3
 """Terms on either side from which the power of a weak one is taken: so many, or one of so many of the terms below it,
 because the spectrum of a motion falls over a ratio of frequencies."""
-MIN_POWER_STDS = 2.0
-"""Mean power above that of noise, in standard deviations, from which it counts as motion."""
 
 
 class LikelyTerms(NamedTuple):
@@ -112,13 +117,21 @@ class MeasuredMotion(NamedTuple):
     @property
     def is_clear(self) -> NDArray[np.bool_]:
         """Whether a term stands out of noise and rounding, shape (terms,)."""
-        return np.asarray(np.abs(self.terms) ** 2 >= CLEAR_TERM_STDS**2 * self.variance)
+        return np.asarray(np.abs(self.terms) ** 2 >= clear_power(self.terms.size) * self.variance)
+
+
+def clear_power(terms: int) -> float:
+    """Return the power of a term over its variance by noise from which it is clear: of so many one, at most, by chance.
+
+    The power of a complex normal variable is distributed exponentially.
+    """
+    return float(np.log(terms / SIGNIFICANCE))
 
 
 def stands_out(terms: NDArray[np.complex128], segment: Segment, count: int, encoder: Encoder) -> NDArray[np.bool_]:
     """Return whether Fourier coefficients of a mean over periods stand out of noise and rounding, shape (terms,)."""
     variance = (encoder.noise**2 / count + encoder.resolution**2 / 12) / segment.samples
-    return np.asarray(np.abs(terms) ** 2 >= CLEAR_TERM_STDS**2 * variance)
+    return np.asarray(np.abs(terms) ** 2 >= clear_power(terms.size) * variance)
 
 
 def _posterior(
@@ -141,25 +154,26 @@ def _shares(terms: NDArray[np.complex128], variance: float) -> NDArray[np.float6
     parity: the even terms of a motion that is odd about its middle vanish.
     """
     power = np.abs(terms) ** 2 / variance
-    found = 1 - 1 / np.maximum(power, 1.0)
+    found, clear = 1 - 1 / np.maximum(power, 1.0), clear_power(terms.size)
     for first in (1, 2):
         own = power[first::2]
-        excess, number = np.minimum(own, CLEAR_TERM_STDS**2) - 1, np.arange(own.size)
+        excess, number = np.minimum(own, clear) - 1, np.arange(own.size)
         reach = np.maximum(MIN_NEIGHBOURS, number // NEIGHBOUR_SHARE)
         begin, behind = np.maximum(number - reach, 0), np.minimum(number + reach + 1, own.size)
         sums = np.concatenate([[0.0], np.cumsum(excess)])
         mean = (sums[behind] - sums[begin]) / (behind - begin)
-        mean = np.where(mean * np.sqrt(behind - begin) > MIN_POWER_STDS, mean, 0.0)
-        found[first::2] = np.where(own >= CLEAR_TERM_STDS**2, found[first::2], mean / (mean + 1))
+        mean = np.where(mean * np.sqrt(behind - begin) > significant_deviation(), mean, 0.0)
+        found[first::2] = np.where(own >= clear, found[first::2], mean / (mean + 1))
     return found
 
 
 def mean_rounding_error(position: NDArray[np.float64], resolution: float, noise: float) -> NDArray[np.float64]:
     """Return the mean rounding error [m] at positions [m] of any shape, over normal noise [m]."""
     error, turns = np.zeros_like(position), 2 * np.pi / resolution * position
-    highest = min(SIGNIFICANT_DITHER * resolution / max(noise, 1e-300), ROUNDING_HARMONICS)
-    for order in range(1, int(highest) + 1):
+    for order in range(1, ROUNDING_HARMONICS + 1):
         damping = np.exp(-2 * (np.pi * order * noise / resolution) ** 2)
+        if damping < ROUNDING:
+            break
         error += (-1) ** order * resolution / (np.pi * order) * damping * np.sin(order * turns)
     return error
 

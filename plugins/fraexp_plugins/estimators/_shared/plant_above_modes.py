@@ -16,17 +16,13 @@ from fraexp_plugins.estimators._shared.measured_motion import LEAST_ERROR, Likel
 
 BANDWIDTH = 0.3
 """Natural logarithm of the ratio of frequencies up to which harmonics count."""
-GRID_SPACING = 0.05
-"""Natural logarithm of the ratio of frequencies at which the plant is found."""
 MIN_CLEAR_HARMONICS = 8
 """Number of harmonics within the bandwidth, which stand out of the noise, from which the plant is known."""
-MAX_PREDICTED_ERROR = 2.0
-"""Relative error of the plant from which a motion is not predicted. An uncertain prediction counts by its variance. The
-power of neighbouring terms, which would take its place, is no better near a mode, and misses in one direction."""
 UPPER_RANGE = 2.0
 """Ratio of the highest frequency to the lowest one at which a response counts as above the modes."""
-MAX_ERROR = 0.5
-"""Relative error of the plant from which its c at high frequencies counts as unknown."""
+MAX_ERROR = 1.0
+"""Relative error from which a plant is unknown, even by its sign. With half of it fewer terms are predicted; the power
+of their neighbours, which takes the place of a prediction, is no better near a mode, and misses in one direction."""
 
 
 class Harmonics(NamedTuple):
@@ -90,7 +86,7 @@ class PlantAboveModes(NamedTuple):
         """Return what a friction force [N] makes likely of the motion, shape (n,), at ω [rad/s]."""
         likely, error = LikelyTerms.unknown(omega.size), self.error(omega)
         is_guess = not self.omega[-1]
-        known = (force != 0) & (error < MAX_PREDICTED_ERROR) & (not is_guess)
+        known = (force != 0) & (error < MAX_ERROR) & (not is_guess)
         likely.mean[known] = -force[known] * self.response(omega[known])
         likely.deviation[known] = error[known] * np.abs(likely.mean[known])
         return likely
@@ -108,7 +104,7 @@ def fit_above_modes(parts: Sequence[Harmonics], guess: PlantAboveModes) -> Plant
     omega, motion, force, scatter, is_clear = (each[order] for each in (omega, motion, force, scatter, is_clear))
     cause = -force / (1j * omega) ** guess.relative_degree
     place, clear = np.log(omega), np.log(omega[is_clear])
-    grid = np.arange(clear.min(), clear.max(), GRID_SPACING)
+    grid = np.arange(clear.min(), clear.max(), BANDWIDTH / 6)
     begins, ends = (np.searchsorted(clear, grid + side * BANDWIDTH) for side in (-1, 1))
     grid = grid[ends - begins >= MIN_CLEAR_HARMONICS]
     if not grid.size:

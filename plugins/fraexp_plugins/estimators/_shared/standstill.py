@@ -15,6 +15,7 @@ from fraexp.api import (
     hold_response,
     path_response,
     record_spectrum,
+    significant_deviation,
 )
 from fraexp_plugins.estimators._shared.effective_input_observer import ObserverEstimator, is_from_rest
 
@@ -26,8 +27,6 @@ MAX_STOP_RATIO = 10.0
 """Motion in a sample that counts as standstill on a stop, over the motion that the record cannot show, at most."""
 MIN_STANDING_INTERVALS = 2
 """Samples' intervals in which a machine that stands does not move."""
-NOISE_STDS = 3.0
-"""Change of position, in its standard deviations by noise, that may be noise."""
 UNSAMPLED_SHARE = 1 / 3
 """Sum of the harmonics beyond the Nyquist frequency over that of the octave below: they fall with their third power,
 because acceleration jumps where a machine sticks or breaks away."""
@@ -143,7 +142,7 @@ def _hidden_motion(observer: ObserverEstimator, stop: float) -> float:
 
     Within the stop friction is a function of the motion: a part of it is drawn with the possible motions.
     """
-    encoder = float(observer.resolution / 2 + NOISE_STDS * np.sqrt(2) * observer.noise)
+    encoder = float(observer.resolution / 2 + significant_deviation() * np.sqrt(2) * observer.noise)
     return encoder if encoder >= stop else 0.0
 
 
@@ -157,7 +156,7 @@ def _unsampled_motion(observer: ObserverEstimator, segment: Segment) -> float:
     bins[segment.lines[segment.lines * periods < bins.size] * periods] = 0.0
     scatter = 2 * np.sqrt((observer.noise**2 + observer.resolution**2 / 12 * periods) / size)
     octave = bins[bins.size // 2 :]
-    return float(UNSAMPLED_SHARE * octave[octave > NOISE_STDS * scatter].sum())
+    return float(UNSAMPLED_SHARE * octave[octave > significant_deviation() * scatter].sum())
 
 
 def _standing(y: NDArray[np.float64], tolerance: float) -> NDArray[np.bool_]:
