@@ -10,6 +10,7 @@ from fraexp.analysis.response import response_result, silence
 from fraexp.analysis.steady_motion import find_steady_motion
 from fraexp.analysis.tolerances import (
     COARSE_DIFFERENCE,
+    CONVERGED,
     CURVE_POINTS,
     DIFFERENCE,
     MAX_ITERATIONS,
@@ -54,6 +55,7 @@ from fraexp.simulation.replay import Replay, Replayed, ReplayModel, replay
 
 __all__ = [
     "COARSE_DIFFERENCE",
+    "CONVERGED",
     "CURVE_POINTS",
     "DIFFERENCE",
     "HARMONICS",

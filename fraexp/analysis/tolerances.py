@@ -17,6 +17,9 @@ derivative."""
 MAX_ITERATIONS = 50
 """Bound of the steps of a search that ends by its own rule after some five to twenty: it only ends one that creeps, and
 half of it changes no result."""
+CONVERGED = 1e-3
+"""Relative change of an estimate, or gain of a log-likelihood, with which a search ends: far below what scatter makes
+of it. Half of it takes a step or two more."""
 CURVE_POINTS = 400
 """Points of a curve that is drawn: enough for a resonance with 1 % damping. Its modes are points of their own; half
 of it shows the flanks of such a peak as two lines."""

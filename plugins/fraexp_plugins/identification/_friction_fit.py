@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    CONVERGED,
     DIFFERENCE,
+    MAX_ITERATIONS,
     NORMAL_QUANTILE,
     ROUNDING,
     Finding,
@@ -89,8 +91,6 @@ WAVES = 64
 """Waves of the force along the stroke, the shortest one a sixty-fourth of it."""
 PERIOD_RATIO = 1.25
 """Length of the longest wave over the stroke: the force at its ends need not be the same."""
-UPDATES, MIN_CHANGE = 60, 1e-3
-"""Greatest number of updates of the variances, and the relative change that ends them."""
 
 
 class Regression(NamedTuple):
@@ -153,12 +153,12 @@ def regress(
     triangle = np.asarray(np.linalg.qr(table, mode="r"))
     count = independent * len(force)
     ratio = np.full(octaves.max() + 1, 1.0 / octaves.size)
-    for _ in range(UPDATES):
+    for _ in range(MAX_ITERATIONS):
         solution = _solve(triangle, ratio[octaves], columns.shape[1], count)
         updated = _updated(solution, ratio, octaves)
         change = np.max(np.abs(np.log(updated / ratio)))
         ratio = updated
-        if change < MIN_CHANGE:
+        if change < CONVERGED:
             break
     # all of an octave may be in one of its waves: of the waves that the motion hardly separates from the terms the
     # variance decides, so it is that of such a wave
@@ -222,8 +222,13 @@ def least_squares(columns: NDArray[np.float64], force: NDArray[np.float64]) -> N
 
 MAX_NOISE_RATIO = 3.0
 """Error over that by the channels' noise up to which noise explains it."""
-MAX_REMAINING_RATIO = 0.7
-"""Error with a force along the stroke over the one without, up to which that force is fitted."""
+MAX_ERROR_RATIO = 0.8
+"""Error with a further effect over the one without, up to which it is in the record: a thrust that goes on between
+samples, a force along the stroke, a spring. An unknown error of the model correlates the rows, so that no F test tells;
+with half of it an effect would have to explain most of the error."""
+EQUAL_ERROR = 1.01
+"""Held-out error over the least one up to which models are equal, and that with the fewest numbers is chosen. Half of
+the difference takes an element more now and then."""
 
 
 class IdentifiedNumber(NamedTuple):
@@ -461,7 +466,7 @@ class FrictionFit:
         residual, per_noise = np.concatenate(self.residuals), self.problem.rows_per_noise
         found = regress(np.concatenate(self.slopes), np.concatenate(columns), residual, 1 / per_noise)
         beside = replace(self, stroke=found)
-        return beside if beside.error < MAX_REMAINING_RATIO * self.error else self
+        return beside if beside.error < MAX_ERROR_RATIO * self.error else self
 
 
 def _root_mean_square(values: NDArray[np.float64]) -> float:
@@ -508,12 +513,8 @@ def search_shape(problem: FrictionProblem, model: FrictionModel, max_iterations:
 
 REMARKED_SPRING, REFUSED_SPRING = 0.1, 0.5
 """Forces of a spring to ground, over that of slipping elements, from which there is a remark, and an error."""
-SPRING_ERROR_RATIO = 0.9
-"""Squared error with that spring over the one without, up to which the spring is significant."""
 CURVE_END_FORCE, GRID_MARGIN = 0.98, 1.5
 """Part of the Coulomb force at which the virgin curve ends, and the factor by which the grid extends beyond."""
-ERROR_TOLERANCE = 1e-3
-"""Relative excess of the squared error that counts as none."""
 
 
 def fit_elements(problem: FrictionProblem, elements: int, has_known_thresholds: bool) -> FrictionFit:
@@ -592,7 +593,7 @@ def _choose_set(
     held_out = CompressedRows(rows, problem.signed, problem.held_out)
     held_out = held_out if held_out.count else fitted
     errors = np.array([held_out.mean_square(fitted.solve(kept)) for kept in sets])
-    return sets[int(np.flatnonzero(errors <= errors.min() * (1 + ERROR_TOLERANCE))[-1])]
+    return sets[int(np.flatnonzero(errors <= errors.min() * EQUAL_ERROR**2)[-1])]
 
 
 def _spring_remarks(problem: FrictionProblem, without: float) -> list[Finding | str]:
@@ -607,7 +608,7 @@ def _spring_remarks(problem: FrictionProblem, without: float) -> list[Finding | 
     stroke = max(float(np.ptp(record.displacement)) for record in problem.records)
     slipping = float(np.sum(found[len(problem.terms) : -1]))
     spring = found[-1] * stroke / 2
-    if spring <= REMARKED_SPRING * slipping or compressed.mean_square(found) > SPRING_ERROR_RATIO * without:
+    if spring <= REMARKED_SPRING * slipping or compressed.mean_square(found) > MAX_ERROR_RATIO**2 * without:
         return []
     rise = (
         Quantity(stroke, "m", "stroke"),

@@ -5,16 +5,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from math import comb
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Finding, Quantity, RecordError, Segment, Signals
+from fraexp_plugins.identification._usable_records import HELD_OUT_STEP
 
-MIN_CYCLES = 4
-"""Cycles below which a record is divided into parts instead, so that some can be held out."""
-PART_COUNT = 8
 CYCLE_STROKE_RATIO = 0.25
 """Swing over the stroke with which a reversal begins another cycle."""
 MIN_QUANTISED_RATIO = 0.9
@@ -130,11 +129,11 @@ def _friction_record(segment: Segment, displacement: str, force: str, first_cycl
 def _cycles(displacement: NDArray[np.float64], periods: int) -> NDArray[np.int64]:
     """Return the cycle number of each sample: its period, its back-and-forth motion, or a part of the record."""
     size = displacement.size
-    if periods >= MIN_CYCLES:
+    if periods >= HELD_OUT_STEP:
         return np.repeat(np.arange(periods), size // periods)
     turns = turning_points(displacement, CYCLE_STROKE_RATIO * float(np.ptp(displacement)))[::2]
-    if turns.size < MIN_CYCLES:
-        return np.arange(size) * PART_COUNT // size
+    if turns.size < HELD_OUT_STEP:
+        return np.arange(size) * 2 * HELD_OUT_STEP // size
     return np.searchsorted(turns, np.arange(size), side="right")
 
 
@@ -154,8 +153,8 @@ FILTER_HALF_LENGTH_STDS = 4.0
 """Half length of the low-pass filter in its standard deviations."""
 HAT_WEIGHTS = np.array([1.0, 4.0, 1.0]) / 6
 """Effect of a force that is linear between samples on the second difference of the position."""
-NORMAL_MEDIAN, DIFFERENCE_ORDER = 0.6745, 8
-"""Median of |x| of a normal distribution of variance 1, and order of the differences that show noise."""
+DIFFERENCE_ORDER = 8
+"""Order of the differences that show noise: with half of it fast motion looks like noise."""
 HELD, EVEN = 0.0, 0.5
 """Samples by which a thrust comes earlier than a held one: one that is held, and one that goes on between samples."""
 TRIM_START, TRIM_END = 0.4, 0.15
@@ -388,7 +387,8 @@ def white_noise(values: NDArray[np.float64]) -> float:
     differences = np.diff(values, DIFFERENCE_ORDER)
     if not differences.size:
         return 0.0
-    return float(np.median(np.abs(differences))) / NORMAL_MEDIAN / np.sqrt(comb(2 * DIFFERENCE_ORDER, DIFFERENCE_ORDER))
+    median = float(np.median(np.abs(differences))) / NormalDist().inv_cdf(0.5 + 0.25)  # over that of |x|
+    return median / np.sqrt(comb(2 * DIFFERENCE_ORDER, DIFFERENCE_ORDER))
 
 
 @dataclass(frozen=True)

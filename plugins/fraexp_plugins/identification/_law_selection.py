@@ -9,7 +9,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import COARSE_DIFFERENCE, MAX_ITERATIONS, NORMAL_QUANTILE, FraexpError, RecordError, Signals
+from fraexp.api import (
+    COARSE_DIFFERENCE,
+    CONVERGED,
+    MAX_ITERATIONS,
+    NORMAL_QUANTILE,
+    ROUNDING,
+    FraexpError,
+    RecordError,
+    Signals,
+    significant_deviation,
+)
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.dahl import Dahl
 from fraexp_plugins.friction.elastoplastic import Elastoplastic
@@ -19,12 +29,10 @@ from fraexp_plugins.identification._law_forces import Law, LawForces, columns_of
 from fraexp_plugins.identification._least_squares import HeldSum, inverse_square, minimise, solve_non_negative
 from fraexp_plugins.identification._line_records import LawSolution, LineRecords, some_frequencies
 
-SHAPE_STEP, DIFFERENCE = 0.1, 1e-4
-"""Scale of a step of a logarithm, and its difference for derivatives."""
+SHAPE_STEP = 0.1
+"""Scale of a step of a logarithm."""
 MAX_SHIFT, MAX_DEAD_TIME = 7.0, 8.0
 """Distance of a logarithm from its start at most, and the largest dead time [samples]."""
-MAX_TRIALS, TOLERANCE = 40, 1e-4
-"""Steps of a search at most, and relative change of the sum of squares at which it ends."""
 
 
 class LawSearch:
@@ -62,7 +70,11 @@ class LawSearch:
         return float(np.sum(np.log1p(self.solve(values).residual ** 2)))
 
     def minimised(
-        self, start: NDArray[np.float64], held: float | None = None, trials: int = MAX_TRIALS, is_robust: bool = False
+        self,
+        start: NDArray[np.float64],
+        held: float | None = None,
+        trials: int = MAX_ITERATIONS,
+        is_robust: bool = False,
     ) -> NDArray[np.float64]:
         """Return the values that leave least, from a start on; a linear law keeps its shape."""
         is_free = np.arange(start.size) >= 1 - self._is_delayed
@@ -83,9 +95,9 @@ class LawSearch:
             (low[is_free], high[is_free]),
             trials,
             x_scale=SHAPE_STEP,
-            diff_step=DIFFERENCE,
-            ftol=TOLERANCE,
-            gtol=TOLERANCE**2,
+            diff_step=COARSE_DIFFERENCE,
+            ftol=CONVERGED**2,
+            gtol=ROUNDING,
             loss="soft_l1" if is_robust else "linear",
         )
         return complete(found)
@@ -93,14 +105,9 @@ class LawSearch:
 
 RIDGE_RATIO = 1e-6
 """Weight of a ridge over that of the largest column: it decides between columns that are equal."""
-EDGE_TOLERANCE = 1e-3
-"""Relative tolerance of an end of the interval."""
 ALTERNATIVE_VELOCITIES, ALTERNATIVE_RATES_S, ALTERNATIVE_EXCESS = (0.1, 0.4, 1.0), (12.0, 60.0), 0.05
 """Stribeck velocities over the largest velocity, rates of attraction over the Coulomb force, and static over Coulomb
 force less 1, of a Stribeck effect beside a law, by which its Coulomb force is judged."""
-INTERVAL_STDS = 3.0
-"""Standard deviations of an interval: the elements that weaken are not the law's own, and errors of a law are not
-independent."""
 INCOMPLETE_RATIO = 2.0
 """Factor on the change of the Coulomb force where a Stribeck effect beside a law explains more of the records."""
 LUMPS = 6
@@ -140,11 +147,11 @@ def sum_interval(
         x = solve_non_negative(rows, ends, held=HeldSum(chosen, held))
         return float(np.sum((reduced @ x - right) ** 2)) - least - rise
 
-    low = 0.0 if excess(0.0) <= 0 else float(brentq(excess, 0.0, total, rtol=EDGE_TOLERANCE))
-    step = max(total, EDGE_TOLERANCE) / 32
+    low = 0.0 if excess(0.0) <= 0 else float(brentq(excess, 0.0, total, rtol=CONVERGED))
+    step = max(total, CONVERGED) / 32
     for _ in range(MAX_ITERATIONS):
         if excess(total + step) > 0:
-            return low, float(brentq(excess, total, total + step, rtol=EDGE_TOLERANCE))
+            return low, float(brentq(excess, total, total + step, rtol=CONVERGED))
         step *= 2
     return low, total + step
 
@@ -187,7 +194,7 @@ def law_uncertainty(law: LawForces, dead_time: float, records: LineRecords, may_
     matrix = np.concatenate(columns, axis=1)
     chosen = np.arange(matrix.shape[1]) < sizes.size
     chosen[: sizes.size] &= law.is_coulomb
-    low, high = sum_interval(matrix, problem.target, chosen, INTERVAL_STDS**2 * max(square, 1.0))
+    low, high = sum_interval(matrix, problem.target, chosen, significant_deviation() ** 2 * max(square, 1.0))
     found = float(sizes[law.is_coulomb].sum())
     own = law.shape.size + np.flatnonzero(law.is_coulomb)
     half_width = NORMAL_QUANTILE * float(np.sqrt(covariance[np.ix_(own, own)].sum()))
@@ -417,7 +424,7 @@ class LawSelection:
         doubt = self._uncertainty(chosen, is_any)
         intervals = [doubt.interval, *(each.interval for each in doubts)]
         if best in profiles:
-            intervals.append(profile_interval(profiles[best], fits[best].dead_time, INTERVAL_STDS))
+            intervals.append(profile_interval(profiles[best], fits[best].dead_time, significant_deviation()))
         interval = min(low for low, _ in intervals), max(high for _, high in intervals)
         tried = {fit.law.name: fit.residual for fit in fits}
         return LawChoice(chosen, doubt.covariance, interval, self._records, tried, tuple(self._failed))

@@ -6,11 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Signals
+from fraexp.api import CONVERGED, MAX_ITERATIONS, ROUNDING, SIGNIFICANCE, Signals
 
-SIGNIFICANCE = 0.01
-"""Probability with which chance alone exceeds what is called more than chance, in every test on whole records. At 1e-4
-drifts are overlooked that move the viscous coefficient of a contact by its interval; at 0.005 nothing changes."""
 MODEL_ERROR = 0.3
 """Standard deviation of the error of a right model, over noise and rounding: it adds 4 % to a residual. Replays have
 some, and thousands of samples show it. Half of it changes no verdict of the fits that `_record_fit` names."""
@@ -33,9 +30,6 @@ def greatest_variance_ratio(terms: float, freedom: float) -> float:
     return float(fdtri(terms, freedom, 1 - SIGNIFICANCE))
 
 
-MIN_CURVATURE = 1e-6
-"""Least curvature of a sample's loss, in units of 1/σ²: inside its interval it has hardly any. With half of it no fit
-changes."""
 FAR_OUT = -30.0
 """Standard deviations at which Φ is too small a number: logarithms of it are taken there, which take longer."""
 LOG_NORMAL_PEAK = 0.5 * np.log(2 * np.pi)
@@ -69,7 +63,7 @@ def interval_loss(residual: NDArray[np.float64], resolution: float, std: float) 
     at_lower = np.exp(-0.5 * lower**2 - LOG_NORMAL_PEAK - log_probability)
     rise = at_upper - at_lower
     curvature = rise**2 + upper * at_upper - lower * at_lower
-    return Loss(-log_probability, np.sign(residual) * rise / std, np.maximum(curvature, MIN_CURVATURE) / std**2)
+    return Loss(-log_probability, np.sign(residual) * rise / std, np.maximum(curvature, ROUNDING) / std**2)
 
 
 def _log_difference(upper: NDArray[np.float64], lower: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -80,12 +74,6 @@ def _log_difference(upper: NDArray[np.float64], lower: NDArray[np.float64]) -> N
         return np.asarray(np.log(np.maximum(ndtr(upper) - ndtr(lower), 1e-300)))
     log_upper = log_ndtr(upper)
     return np.asarray(log_upper + np.log1p(-np.exp(np.minimum(log_ndtr(lower) - log_upper, -1e-300))))
-
-
-MAX_NEWTON_STEPS = 40
-"""Bound of the steps, and of the halvings of one, of a search that ends after some five."""
-CONVERGED = 1e-3
-"""Gain of the log-likelihood that a step promises at which it is the last: the next one is smaller by its square."""
 
 
 class LinearRecord(NamedTuple):
@@ -178,9 +166,9 @@ def fit_linear(
     problem, still = _Problem(records, shared_radius, own_radius, held is None), np.zeros(shared_radius.size)
     before = problem.evaluate(still, [np.zeros(radius.size) for radius in own_radius])
     point = before if held is None else problem.evaluate(held, before.own)
-    for _ in range(MAX_NEWTON_STEPS):
+    for _ in range(MAX_ITERATIONS):
         step, own_steps, slope = problem.newton_step(point)
-        for length in 2.0 ** -np.arange(MAX_NEWTON_STEPS):
+        for length in 2.0 ** -np.arange(MAX_ITERATIONS):
             own = [a + length * b for a, b in zip(point.own, own_steps, strict=True)]
             tried = problem.evaluate(point.shared + length * step, own)
             if tried.loss <= point.loss:

@@ -8,7 +8,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import FrictionModel, Motion, RecordError, Segment, Signals, fourier_sums, phasors
+from fraexp.api import (
+    FrictionModel,
+    Motion,
+    RecordError,
+    Segment,
+    Signals,
+    fourier_sums,
+    phasors,
+    significant_deviation,
+)
 from fraexp_plugins.estimators._shared.delayed_estimator import LoopDelays
 from fraexp_plugins.estimators._shared.realisations import mean
 from fraexp_plugins.estimators.effective_input import EffectiveInput
@@ -22,9 +31,8 @@ MIN_HARMONIC_SAMPLES = 50
 """Samples of a cycle of the highest harmonic."""
 DRIFT = "drift"
 """Name of the channel with the ramp that was taken off the output."""
-MIN_DRIFT_STDS, DRIFT_PERIODS = 5.0, 2
-"""Drift in a period from which it counts, in its standard deviations by the encoder, and periods of a motion with drift
-in which friction forgets how it began."""
+DRIFT_PERIODS = 2
+"""Periods of a motion with drift in which friction forgets how it began."""
 NOISE_SEEDS = 12
 """Other errors of the encoder from which the error of friction follows: of few a record may seem to have hardly any, as
 most of them change nothing where an element only just slips."""
@@ -363,7 +371,7 @@ def periodic_motion(observer: EffectiveInput, segment: Segment) -> Motion:
     ramp = segment.channels.get(DRIFT, np.zeros((1, 1)))
     drift = float(ramp[-1, -1] - ramp[0, 0]) / len(ramp)
     spread = np.hypot(observer.noise, observer.resolution / np.sqrt(12)) * np.sqrt(2 / segment.samples)
-    if abs(drift) <= MIN_DRIFT_STDS * spread:
+    if abs(drift) <= significant_deviation() * spread:
         return motion
     y, size = motion.displacement, motion.displacement.size
     moved = np.tile(y, DRIFT_PERIODS + 1) + drift / size * np.arange((DRIFT_PERIODS + 1) * size)

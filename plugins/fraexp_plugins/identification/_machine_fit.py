@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fraexp.api import (
     CURVE_POINTS,
     NORMAL_QUANTILE,
+    SIGNIFICANCE,
     Curve,
     Finding,
     Fit,
@@ -28,7 +29,7 @@ from fraexp_plugins.identification._law_numbers import (
     scaled_friction,
     scaled_parameters,
 )
-from fraexp_plugins.identification._likelihood import SIGNIFICANCE, NoiseLevel, greatest_ratio, interval_loss
+from fraexp_plugins.identification._likelihood import NoiseLevel, greatest_ratio, interval_loss
 from fraexp_plugins.identification._machine_problem import DEAD_TIME, NOISE, SCALES, MachineProblem, Models
 from fraexp_plugins.identification._modal_model import parameter_symbol
 from fraexp_plugins.identification._modal_solver import whiteness

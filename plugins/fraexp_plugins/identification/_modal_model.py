@@ -6,7 +6,7 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import FrequencyResponse, RecordError
+from fraexp.api import ROUNDING, FrequencyResponse, RecordError
 from fraexp_plugins.plants.modal import Modal
 
 
@@ -164,8 +164,8 @@ def _smoothed_variance(variance: NDArray[np.float64], freedom: NDArray[np.float6
     return (window.sum(axis=1) - variance) / (2 * reach)
 
 
-MIN_DAMPING_RATIO, MAX_DAMPING_RATIO = 1e-6, 2.0
-"""Limits of the damping ratios."""
+MAX_DAMPING_RATIO = 2.0
+"""Limit of the damping ratios: a mode beyond has no peak, and half of it is near those that have."""
 FREQUENCY_MARGIN = 3.0
 """Factor by which a natural frequency may lie outside of the frequency range."""
 GROUND = {"viscous_coefficient": 1, "ground_stiffness": 0}
@@ -215,7 +215,7 @@ class ModalModel:
         """Return the bounds of p, each of shape (size,)."""
         low, high = np.full((2, self.size), np.inf) * np.array([[-1], [1]])
         modes = slice(1, self.ground_place, 3), slice(2, self.ground_place, 3)
-        low[modes[0]], low[modes[1]] = np.log(self.min_frequency / FREQUENCY_MARGIN), np.log(MIN_DAMPING_RATIO)
+        low[modes[0]], low[modes[1]] = np.log(self.min_frequency / FREQUENCY_MARGIN), np.log(ROUNDING)
         high[modes[0]], high[modes[1]] = np.log(self.max_frequency * FREQUENCY_MARGIN), np.log(MAX_DAMPING_RATIO)
         return low, high
 

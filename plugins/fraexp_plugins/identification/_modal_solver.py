@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import NORMAL_QUANTILE, ROUNDING, SIGNIFICANCE, RecordError, significant_deviation
+from fraexp.api import CONVERGED, NORMAL_QUANTILE, ROUNDING, SIGNIFICANCE, RecordError, significant_deviation
 from fraexp_plugins.identification._least_squares import inverse_square, minimise
 from fraexp_plugins.identification._modal_model import LogResponse, ModalModel, resonators
 
@@ -221,8 +221,6 @@ MAX_TRIAL_DELAYS, MAX_TRIAL_STARTS, TRIAL_EVALUATIONS = 4, 6, 25
 MAX_EVALUATIONS = 400
 SEARCH_BINS = 150
 """Parts of the frequency range, of which two points each take part in the search."""
-EXCHANGE_COST_RATIO = 0.99
-"""Relative cost to which an exchange of modes must lead for another one to be tried."""
 
 
 @dataclass(frozen=True)
@@ -392,7 +390,7 @@ def _search(model: ModalModel, data: LogResponse, before: Solution | None) -> ND
     best = _best(model, data, tried)
     for _ in range(model.modes):
         other = _best(model, data, _exchange_starts(model, dictionary, model.sort_modes(best)))
-        if Solution(model, data, other).cost > EXCHANGE_COST_RATIO * Solution(model, data, best).cost:
+        if Solution(model, data, other).cost > (1 - CONVERGED) * Solution(model, data, best).cost:
             break
         best = other
     return best

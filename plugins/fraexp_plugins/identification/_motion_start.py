@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    COARSE_DIFFERENCE,
     FrequencyResponse,
     FrictionModel,
     Motion,
@@ -196,8 +197,6 @@ PRECISION = 2e-3
 """Error of a logarithm of a scale with which a search in a valley ends: a start need not be better."""
 MAX_VALLEYS = 3
 """Valleys of the grid in which a search begins, one more than starts are fitted: of two that are alike."""
-RANK_TOLERANCE = 1e-14
-"""Diagonal of a triangle, over its greatest number, below which a column counts as one of those before: rounding."""
 MAX_LINES = 40
 """Lines, spread over all, that are compared. It bounds the time; rational functions have thirteen numbers at most."""
 
@@ -306,7 +305,7 @@ def _least_squares(columns: NDArray[np.complex128]) -> NDArray[np.float64]:
     """Return real x of least |A x - b|² for each [A, b], shape (n, lines, k + 1): shape (n, k)."""
     triangle = np.asarray(np.linalg.qr(np.concatenate([columns.real, columns.imag], axis=1), mode="r"))
     matrix = triangle[:, :-1, :-1]
-    least = RANK_TOLERANCE * np.abs(triangle).max(axis=(1, 2))[:, None]
+    least = np.finfo(float).eps * np.abs(triangle).max(axis=(1, 2))[:, None]
     diagonal = np.einsum("nii->ni", matrix)
     np.einsum("nii->ni", matrix)[...] = np.where(np.abs(diagonal) < least, least, diagonal)
     return np.asarray(np.linalg.solve(matrix, triangle[:, :-1, -1:]), dtype=float)[..., 0]
@@ -385,8 +384,6 @@ def _velocity(signals: Signals, observer: EffectiveInput) -> float:
     return max(speeds)
 
 
-DIFFERENCE = 1e-3
-"""Difference of the parameters' logarithms for derivatives: forces of laws with events are as smooth as that."""
 START_LOG_STD = 1.0
 """Standard deviation of the logarithms of friction's parameters around the start: a start may be wrong by a factor of
 three. With half of it a start of a named law is not left."""
@@ -475,12 +472,12 @@ class _Search:
         for place in range(logs.size):
             is_friction = place < len(self.free.friction)
             try:
-                models = self.free.applied_to(self.models, logs + DIFFERENCE * (np.arange(logs.size) == place))
+                models = self.free.applied_to(self.models, logs + COARSE_DIFFERENCE * (np.arange(logs.size) == place))
             except ParameterError:
                 columns.append(np.zeros(residual.size))
                 continue
             changed = self.records.residual(self.records.forces(models) if is_friction else forces, models.plant)
-            columns.append((residual - changed) / DIFFERENCE)
+            columns.append((residual - changed) / COARSE_DIFFERENCE)
         return np.stack(columns, axis=1)
 
 

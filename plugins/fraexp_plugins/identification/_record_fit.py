@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import ParameterError, Plant
+from fraexp.api import COARSE_DIFFERENCE, MAX_ITERATIONS, ParameterError, Plant
 from fraexp_plugins.identification._likelihood import (
     FitStep,
     LinearRecord,
@@ -25,8 +25,6 @@ from fraexp_plugins.identification._replayed_record import (
 
 # What half of a constant changes was measured on four fits: elements from a wrong start, with one period, with four
 # periods of noise, and with four parameters free, and a LuGre law. Where nothing is said it is below 2 % of a band.
-SHARED_DIFFERENCE = 5e-4
-"""Half width of the central differences by the logarithm of a shared factor: between rounding and curvature."""
 MOTION_DIFFERENCE, MAX_FORCE_DIFFERENCE = 0.3, 0.02
 """Half width of those by a force: the motion that it causes, in resolutions, as a sample tells no less, and its
 greatest share of the input, over which friction is nearly linear."""
@@ -38,9 +36,8 @@ bands that are 4 % narrower."""
 RADIUS_FACTOR, MIN_RADIUS = 2.0, 1e-3
 """Factor on the radius over the length of the step that helped, and the radius that is small enough to end. After one
 that no length makes better the radius is that of the shortest."""
-MAX_STEPS, MAX_SMALL_GAINS = 40, 3
-"""Maximum number of steps, which elements take that share a force in ways that hardly differ, and of those in a row
-that gain little."""
+MAX_SMALL_GAINS = 3
+"""Maximum number of steps in a row that gain little, as elements take that share a force in ways that hardly differ."""
 LAST_GAIN = 0.5
 """Gain of the log-likelihood with which the last steps end: that of a standard deviation of one parameter. Half of it
 moves a parameter of the LuGre law by a fifth of its interval, in half as much time again."""
@@ -124,7 +121,7 @@ class RecordFit:
         radius, small, is_exact = 1.0, 0, known is None
         state, positions = self._with_drifts(state)
         linear = self.linearise(state, positions, known)
-        for step in range(MAX_STEPS):
+        for step in range(MAX_ITERATIONS):
             if gives_up and step == FIRST_STEPS and self.mean_ratio(linear) > HOPELESS_RATIO:
                 break
             move = self._improve(state, linear, radius)
@@ -267,7 +264,7 @@ class RecordFit:
         `known` has the derivatives by the shared parameters, if they are not to be computed again.
         """
         count = state.shared.size
-        across = SHARED_DIFFERENCE * np.eye(count) if self.directions is None else self.directions
+        across = COARSE_DIFFERENCE * np.eye(count) if self.directions is None else self.directions
         steps = across.T if known is None else ()
         centre = self.free.applied_to(self.start, state.shared)
         models = [self._model_at(state.shared + sign * step) or centre for step in steps for sign in (1, -1)]

@@ -65,6 +65,8 @@ HARMONICS = (1, 3, 5, 7, 9)
 """Harmonics of a sine that show the force of friction."""
 FORCE_FLOOR = 3e-4
 """Error of a force that is allowed for besides rounding and noise, over the amplitude of the control input."""
+HELD_OUT_STEP = 4
+"""Every fourth cycle or record is held out to compare laws. Half of it fits half of them: intervals widen by 20 %."""
 MAX_LINES = 64
 """Maximum number of excited lines of a segment, each of which takes two parameters of its own."""
 

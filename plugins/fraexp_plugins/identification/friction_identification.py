@@ -26,6 +26,8 @@ from fraexp_plugins.friction._shared.element_model import ElementModel
 from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._friction_fit import (
+    EQUAL_ERROR,
+    MAX_ERROR_RATIO,
     FrictionFit,
     columns_along,
     curve_end,
@@ -51,7 +53,8 @@ from fraexp_plugins.identification._friction_rows import (
     turning_points,
 )
 from fraexp_plugins.identification._law_forces import FreeElements, WholeLaw, rolling_elements
-from fraexp_plugins.identification._law_numbers import LawNumbers, rough_model
+from fraexp_plugins.identification._law_numbers import DAMPING_RATIO, LawNumbers, rough_model
+from fraexp_plugins.identification._usable_records import FORCE_FLOOR, HELD_OUT_STEP
 
 Candidate = TypeVar("Candidate")
 LAW_ELEMENTS = 4
@@ -59,14 +62,6 @@ LAW_ELEMENTS = 4
 START_VELOCITY_RATIOS, TRIAL_STEPS = (0.3, 1.0, 3.0), 20
 """Stribeck velocities to start from, over the slowest tenth's sliding speed, and steps from each of them, after which
 only the best search goes on."""
-START_DAMPING = 1e-3
-"""Force of the elements' dampers at the largest speed over the Coulomb force, at which a search begins."""
-EQUAL_ERROR = 1.01
-"""Held-out error over the least one up to which laws are equal, and that with the fewest numbers is chosen."""
-HELD_OUT_STEP = 4
-"""Every fourth cycle is held out."""
-SLIPPING = 1 - 1e-9
-"""Force over its limit from which an element slips."""
 MAX_THRESHOLD_RATIO = 0.35
 """Largest threshold over the stroke: an element that hardly slips is a slow rise of the force with any cause."""
 MIN_SPEED_RATIO = 1.5
@@ -77,9 +72,8 @@ the ratio of the largest to the smallest, and that while the end of the virgin c
 thousands of times its presliding deflection."""
 MIN_REVERSALS = 3
 """Reversals from which friction is separated from other forces."""
-MAX_EVEN_ERROR_RATIO, MIN_MIXED_LEAD = 0.8, 0.05
-"""Error without a hold over that with one, below which the thrust counts as not held, as most are; and the lead in
-samples from both from which it is neither."""
+MIN_MIXED_LEAD = 0.05
+"""Lead of a thrust in samples, from a held one and from one that is not, from which it is neither."""
 
 
 class FrictionIdentification(Estimator, name="friction_identification", version=4):
@@ -280,7 +274,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         found = springs.model
         assert isinstance(found, Rolling)
         speed = max(float(np.abs(record.velocity()).max()) for record in problem.records)
-        least = START_DAMPING * springs.coulomb_force / speed / len(found.stiffness)
+        least = DAMPING_RATIO * springs.coulomb_force / speed / len(found.stiffness)
         return self._fit_elements(problem, found.model_copy(update={"damping": (least,) * len(found.stiffness)}))
 
     def _fit_candidate(self, problem: FrictionProblem, candidate: type[FrictionModel] | FrictionModel) -> FrictionFit:
@@ -383,7 +377,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
             return problem if self.zero_order_hold is not False else problem.with_lead(EVEN)
         held, middle, even = (error(problem.with_lead(lead)) for lead in (HELD, (HELD + EVEN) / 2, EVEN))
         is_held, remarks = self.zero_order_hold is not False, list[Finding | str]()
-        if self.zero_order_hold is None and even < MAX_EVEN_ERROR_RATIO * held:
+        if self.zero_order_hold is None and even < MAX_ERROR_RATIO * held:
             is_held = False
             remarks = [
                 "the thrust is not held between samples, like that of a force sensor: this fits better; set "
@@ -484,7 +478,7 @@ def _least_lead(held: float, middle: float, even: float) -> float:
 def _sliding_speeds(record: FrictionRecord, max_threshold: float) -> NDArray[np.float64]:
     """Return the speeds [m/s] at which all elements slip, the largest included."""
     force = columns_along(rolling_elements(np.array([max_threshold])), record)[:, 0]
-    speeds = np.abs(record.velocity())[np.abs(force) >= SLIPPING]
+    speeds = np.abs(record.velocity())[np.abs(force) >= 1 - ROUNDING]
     return speeds[speeds > 0]
 
 
@@ -515,10 +509,8 @@ START_FRACTIONS = 0.0, 1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4
 """Parts of a record between which its start may end; the rest of it is fitted."""
 MIN_START_RATIO, MIN_NEXT_RATIO = 4.0, 2.0
 """Residual in a part over that in the rest, root mean squares, from which the start is disturbed, and a next part."""
-MIN_START_ERROR = 1e-3
-"""Residual in the start over the thrust, root mean squares, up to which it may be rounding."""
-MIN_START_ROWS, MIN_REST_ROWS = 5, 60
-"""Rows of a start of which the residual tells something, and of the rest."""
+MIN_REST_ROWS = 60
+"""Rows of the rest of a record of which the residual tells something."""
 
 
 def slides(records: Sequence[FrictionRecord], presliding_distance: float) -> list[NDArray[np.bool_]]:
@@ -568,7 +560,7 @@ def _start_ratios(found: Sequence[Rows], limits: NDArray[np.float64]) -> tuple[f
         return np.inf, [0.0]
     residual = force - columns @ least_squares(columns[rest], force[rest])
     parts = [residual[(time >= low) & (time < high)] for low, high in itertools.pairwise(limits)]
-    sizes = [float(np.sqrt(np.mean(part**2))) if part.size >= MIN_START_ROWS else 0.0 for part in parts]
+    sizes = [float(np.sqrt(np.mean(part**2))) if part.size > columns.shape[1] else 0.0 for part in parts]
     error = float(np.sqrt(np.mean(residual[rest] ** 2)))
-    least = MIN_START_ERROR * float(np.sqrt(np.mean(force[rest] ** 2)))
+    least = FORCE_FLOOR * float(np.sqrt(np.mean(force[rest] ** 2)))
     return error, [size / error if size > least and error else 0.0 for size in sizes]

@@ -56,6 +56,7 @@ from fraexp_plugins.identification._motion_start import (
     rough_friction,
 )
 from fraexp_plugins.identification._usable_records import (
+    HELD_OUT_STEP,
     check_one_contact,
     check_one_thrust,
     check_segments,
@@ -270,8 +271,8 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=11)
         )
 
 
-HELD_OUT_STEP, MIN_SEGMENTS = 4, 8
-"""Every fourth record is held out, and the fewest records of which some can be: two are held out, six are fitted."""
+MIN_SEGMENTS = 2 * HELD_OUT_STEP
+"""The fewest records of which some can be held out: two are, six are fitted."""
 RACE_RATIO = 5.0
 """Residual along the measured motion over that of a law that fits, up to which another one is fitted by replays. It
 costs time alone: with half of it a simpler law may be given up that rounded positions make look worse."""
