@@ -93,8 +93,8 @@ class DiscreteLoop(NamedTuple):
     def sample_compliance(self) -> list[float]:
         """Displacement of each contact [m/N] after a sample from rest by the excited thrust, size c."""
         states = self.transition.shape[0]
-        moved = np.abs(self.displacement[-self.contacts :, states : states + 2].sum(axis=1))
-        return [float(each) for each in moved]
+        rows = self.present @ self.transition if self.present.size else self.displacement[-self.contacts :]
+        return np.abs(rows[:, states : states + 2].sum(axis=1)).tolist()
 
     @property
     def step_compliance(self) -> NDArray[np.float64]:

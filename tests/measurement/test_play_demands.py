@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from fraexp_plugins.friction.coulomb import Coulomb
 from scipy.linalg import expm
 
+from fraexp.components.kinds import FrictionModel
 from fraexp.components.machine_session import PlayRequest
 from fraexp.measurement.measurement_plan import planning_setup
 from fraexp.measurement.play_demands import SimulatedPlay, simulate_demands
@@ -68,11 +70,12 @@ def velocity_of_held_force(force: np.ndarray, delay: int, parts: int) -> np.ndar
     return total
 
 
+@pytest.mark.parametrize("friction", [FRICTIONLESS, Coulomb(coulomb_force=1e-6)])
 @pytest.mark.parametrize("waveform", [(1, 1, 1, -3), (1, -1), (1, 0, -1, 0), (1, 1, -1, -1, 1, -2, 1)])
-def test_velocities_between_few_samples_a_period_are_found(waveform: tuple[int, ...]) -> None:
+def test_velocities_between_few_samples_a_period_are_found(waveform: tuple[int, ...], friction: FrictionModel) -> None:
     """Between samples the table is faster than the samples show, for a force that alternates from one to the next."""
     loop = ControlLoop(sample_time=SAMPLE_TIME, input_dead_time=0.2 * SAMPLE_TIME)
-    setup = planning_setup(Machine(TABLE, FRICTIONLESS, LEAD, loop, Numerics()))
+    setup = planning_setup(Machine(TABLE, friction, LEAD, loop, Numerics()))
     request = PlayRequest(0, np.array(waveform, dtype=float), 100 // len(waveform), 0.2, 10)
     (found,) = simulate_demands([SimulatedPlay(setup, request, [1], 25, NO_DEMAND)])
     moved = LiveLoop(setup).play(request.excitation(0, request.full_samples, request.full_samples))
