@@ -180,7 +180,7 @@ class Measurement:
                 reason, spent, failure = str(error), spent + play.seconds, LimitError
                 point = point.with_amplitude(point.amplitude * min(AMPLITUDE_AFTER_LIMIT / error.reached, MAX_LOWERED))
                 continue
-            for note in [*gathered(play.notes), *filter(None, [play.noise_remark])]:
+            for note in gathered(play.notes):
                 yield MeasurementNotice(f"{point.frequency}: {note}")
             found = play.result(spent, tuple(repeats))
             band = judge(found)

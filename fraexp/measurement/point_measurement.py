@@ -44,8 +44,6 @@ class SettlingMonitor:
         self._cycles = int(lines[0]) if lines.size == 1 else 0
         self.residual = float("nan")
         """Relative difference of the last two windows."""
-        self.noise = 0.0
-        """Noise of the position [m] by which the last two windows differ; 0 if they differ smoothly, as motions do."""
         self.is_settled = counts.window == 0
         self.record_start: int | None = 0 if counts.window == 0 else None
         """First sample of the record; None while it is not known."""
@@ -69,23 +67,36 @@ class SettlingMonitor:
         if abs(np.mean(difference)) <= self._max_drift * motion:
             difference = difference - np.mean(difference)
         change = float(np.sqrt(np.mean(difference**2)))
-        is_noise = np.mean(np.diff(difference) ** 2) > change**2  # twice as much if white, next to nothing of a motion
-        self.noise = change / np.sqrt(2) if is_noise else 0.0
+        floor = max(counts.noise_floor, self._scatter(difference))
         if motion == 0.0:
             return change == 0.0
         self.residual = change / motion
-        previous, self._excess = self._excess, max(change - counts.noise_floor, 0.0) / motion
+        previous, self._excess = self._excess, max(change - floor, 0.0) / motion
         if sum_to_come(self._excess, previous) > counts.experiment.schedule.settling_tolerance:
             return False
-        return counts.noise_floor == 0.0 or self._cycles == 0 or not self._drifts(position)
+        return floor == 0.0 or self._cycles == 0 or not self._drifts(position, floor)
 
-    def _drifts(self, position: NDArray[np.float64]) -> bool:
+    def _scatter(self, difference: NDArray[np.float64]) -> float:
+        """Return the part of two windows' difference [m] that changes from sample to sample, as noise and encoder do.
+
+        Motions change smoothly, but for a sine of few samples a period: the excited line is no part of it. Nobody has
+        to state such noise, which at rest an encoder may hide in one of its steps.
+        """
+        if self._cycles == 0:
+            return 0.0
+        window = self._counts.window
+        angle = 2 * np.pi * self._cycles * np.arange(window) / self._counts.experiment.period.waveform.size
+        line = np.exp(1j * angle)
+        left = difference - np.real(2 / window * (difference @ line.conj()) * line)
+        return float(np.sqrt(np.mean(np.diff(left) ** 2) / 2)) * (1 + 3 / np.sqrt(2 * window))
+
+    def _drifts(self, position: NDArray[np.float64], floor: float) -> bool:
         """Return whether the phasor goes on changing, too slowly for successive windows to show it."""
         counts, lag = self._counts, (self._windows - 1) // 2
         if lag == 0:
             return False
         last, middle, first = (self._phasor(position, k * lag * counts.window) for k in range(3))
-        explained = MAX_PHASOR_STDS * counts.noise_floor * np.sqrt(2.0 / counts.window)
+        explained = MAX_PHASOR_STDS * floor * np.sqrt(2.0 / counts.window)
         difference, before = max(abs(last - middle) - explained, 0.0), abs(middle - first)
         return sum_to_come(difference, before) > counts.experiment.schedule.settling_tolerance * abs(last)
 
@@ -231,16 +242,7 @@ class PointMeasurement:
         wrong = self._wrong_channels(self._count)
         if wrong:
             return MachineError(f"{self._point.frequency}: {unsettled}: {wrong}")
-        return UnsettledError("; ".join(filter(None, (unsettled, self.noise_remark))))
-
-    @property
-    def noise_remark(self) -> str:
-        """That noise which the study does not state has kept it from settling; empty if it has settled, or drifts."""
-        noise = self._monitor.noise
-        if self._monitor.is_settled or not noise:
-            return ""
-        found = f"{noise:.2g} {self._writer.header.units['y']}"
-        return f'its periods differ by noise of {found}, more than the study states: set loop.noise = "{found}"'
+        return UnsettledError(unsettled)
 
     @property
     def hides_motion(self) -> bool:
