@@ -19,6 +19,7 @@ import numpy as np
 from harness import Bench, in_turns, run
 from sqlalchemy import bindparam, insert, update
 
+from fraexp.components.registry import discover
 from fraexp.data.results import FrequencyResponse, Metric
 from fraexp.data.sweep import Sweep
 from fraexp.store import Store, codec
@@ -123,7 +124,7 @@ def size(bench: Bench) -> None:
 def differing(store: Store, keys: list[str]) -> list[list[str]]:
     """Return in what sweeps differ, as the terminal UI and ``fraexp compare`` show it."""
     found = read_marked_sweeps(store, keys)
-    return difference_rows(found.sweeps, found.results)
+    return difference_rows([[of] for of in found.sweeps], found.results, discover())
 
 
 def make(database: str) -> None:

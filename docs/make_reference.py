@@ -295,7 +295,7 @@ def _default(info: FieldInfo) -> str:
 PLACES = {
     "FraexpApp": "everywhere", "Page": "everywhere", "PagedTable": "lists", "SweepTable": "lists of sweeps",
     "FilterLine": "filter", "SweepFilter": "filter", "TaggingPage": "sweeps", "TextSection": "sweep",
-    "PlotPage": "compare", "HelpPage": "help", "InputDialog": "questions", "ConfirmDialog": "yes or no",
+    "HelpPage": "help", "InputDialog": "questions", "ConfirmDialog": "yes or no",
     "NumberInput": "trial",
 }  # fmt: skip
 """Where keys are found, by the class that has them; others by its name."""

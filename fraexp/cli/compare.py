@@ -160,7 +160,7 @@ def execute(arguments: Namespace) -> ExitCode:
         print_summary(sweeps, results, workspace.registry)
         say("--all shows each sweep")
     else:
-        rows = difference_rows(sweeps, results, workspace.registry)
+        rows = difference_rows([[sweep] for sweep in sweeps], results, workspace.registry)
         shown, folded = (rows, {}) if arguments.all else fold_incomparable(rows)
         keys = [short_key(sweep.key) for sweep in sweeps]
         print_table(["difference", *keys], shown or [["none", *("" for _ in keys)]])

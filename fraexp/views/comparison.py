@@ -58,16 +58,12 @@ def parameter_values(sweep: StoredSweep) -> dict[str, Any]:
 
 
 def difference_rows(
-    sweeps: Sequence[StoredSweep], results: Mapping[str, Result], registry: Registry
-) -> list[list[str]]:
-    """Return a row for each parameter, metric and fit that differs: its name with its unit, and a text per sweep."""
-    return group_difference_rows([[sweep] for sweep in sweeps], results, registry)
-
-
-def group_difference_rows(
     groups: Sequence[Sequence[StoredSweep]], results: Mapping[str, Result], registry: Registry
 ) -> list[list[str]]:
-    """Return the same with a text per group, which may have many sweeps: the median of what differs within it."""
+    """Return a row for each parameter, metric and fit that differs: its name with its unit, and a text per group.
+
+    What differs within a group, which may have many sweeps, is the median.
+    """
     sweeps = [group[0] for group in groups]
     found = [[results.get(sweep.key) for sweep in group] for group in groups]
     parameters = differing_values([_group_parameters(group) for group in groups])

@@ -82,7 +82,7 @@ def sweep_fields(sweep: StoredSweep, registry: "Registry | None" = None) -> list
     """Return names and values of a sweep; the labels have units if the registry of components is given."""
     grid = nominal_labels(sweep.labels)
     drawn = {path: value for path, value in sweep.labels.items() if path not in grid}
-    units = _units(sweep, registry) if registry else {}
+    units = sweep_units([sweep], registry) if registry else {}
     grid_texts, drawn_texts = (", ".join(label_list(of, units)) for of in (grid, drawn))
     return [
         ("sweep", short_key(sweep.key)),
@@ -100,15 +100,16 @@ def sweep_fields(sweep: StoredSweep, registry: "Registry | None" = None) -> list
     ]
 
 
-def _units(sweep: StoredSweep, registry: "Registry") -> dict[str, str]:
+def sweep_units(sweeps: Sequence[StoredSweep], registry: "Registry") -> dict[str, str]:
+    """Return the units of labels by path, which the components declare."""
     from fraexp.figures.elements.label_units import label_units  # it imports what reads studies: not for a list of runs
 
-    return label_units([(sweep.labels, sweep.sections)], registry)
+    return label_units(((sweep.labels, sweep.sections) for sweep in sweeps), registry)
 
 
 def sweep_labels(sweep: StoredSweep, registry: "Registry") -> list[str]:
     """Return each label of a sweep with its value and unit."""
-    return label_list(sweep.labels, _units(sweep, registry))
+    return label_list(sweep.labels, sweep_units([sweep], registry))
 
 
 def label_list(labels: Mapping[str, object], units: Mapping[str, str]) -> list[str]:

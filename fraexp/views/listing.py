@@ -13,6 +13,7 @@ from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError, did_you_mean
 from fraexp.figures.elements.labels import label_columns, label_texts
 from fraexp.store import StoredSweep
+from fraexp.views.fields import sweep_units
 from fraexp.views.words import duration_text, scale_values, short_key, with_unit
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ def listing_columns(
     columns = [
         _column("sweep", [short_key(row.key) for row in rows], "key"),
         *([] if one_run else [_column("study", [_study_text(row) for row in rows], "study")]),
-        *_label_columns(rows, _units(rows, registry) if registry else {}),
+        *_label_columns(rows, sweep_units(rows, registry) if registry else {}),
         _column("estimator", _component_texts(rows, "estimator"), "estimator"),
         _column("friction", _component_texts(rows, "friction"), "friction"),
         _column("outcome", [state_text(row, running.get(row.key)) for row in rows], "outcome"),
@@ -154,13 +155,6 @@ def _study_text(row: StoredSweep) -> str:
 def _component_texts(rows: Sequence[StoredSweep], kind: str) -> list[str]:
     """Return the name of a component, with the labels that distinguish it from others of its name."""
     return label_texts([row.labels.get(kind) or row.component(kind) for row in rows])
-
-
-def _units(rows: Sequence[StoredSweep], registry: "Registry") -> dict[str, str]:
-    """Return the units of labels by path, which the components declare."""
-    from fraexp.figures.elements.label_units import label_units  # it imports what reads studies: not for a list of runs
-
-    return label_units(((row.labels, row.sections) for row in rows), registry)
 
 
 def _label_columns(rows: Sequence[StoredSweep], units: Mapping[str, str]) -> list[Column]:

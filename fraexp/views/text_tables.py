@@ -14,7 +14,6 @@ from fraexp.components.registry import Registry
 from fraexp.data.results import EFFORT, FrequencyResponse, Result
 from fraexp.data.units import factor, with_powers
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.label_units import label_units
 from fraexp.figures.elements.labels import label_columns, label_texts
 from fraexp.figures.elements.scales import (
     column_unit,
@@ -27,7 +26,7 @@ from fraexp.figures.elements.scales import (
 from fraexp.figures.result_files import channel_units
 from fraexp.store import StoredSweep
 from fraexp.study.published_values import HALF_WIDTH_ENDING, half_widths, interval_text
-from fraexp.views.fields import outcome_text
+from fraexp.views.fields import outcome_text, sweep_units
 from fraexp.views.words import fixed_text, number_text, plural, scale_values, short_key, with_unit
 
 REFERENCE_FREQUENCIES_HZ = (1.0, 10.0, 40.0, 80.0)
@@ -108,7 +107,7 @@ def sweep_table(
 
 def label_values(sweeps: Sequence[StoredSweep], registry: Registry) -> dict[str, tuple[str, list[object]]]:
     """Return title and values of each label by its path, in the unit in which people read them."""
-    units = label_units(((sweep.labels, sweep.sections) for sweep in sweeps), registry)
+    units = sweep_units(sweeps, registry)
     found = {}
     for path, title in label_columns([sweep.labels for sweep in sweeps]).items():
         values, unit = scale_values([sweep.labels.get(path) for sweep in sweeps], units.get(path, ""))

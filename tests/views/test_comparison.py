@@ -5,7 +5,7 @@ import numpy as np
 from fraexp.components.registry import discover
 from fraexp.data.results import Metric, Outcome, Result
 from fraexp.store import StoredSweep
-from fraexp.views.comparison import difference_rows, group_difference_rows
+from fraexp.views.comparison import difference_rows
 
 
 def drawn(amplitude: float, draw: int, stiffness: float) -> StoredSweep:
@@ -23,7 +23,7 @@ def test_a_group_shows_the_median_of_what_differs_within_it() -> None:
     results = {of.key: Result(Outcome.OK, metrics=(Metric("time", 2.0 * n, "s"),))
                for group in groups for n, of in enumerate(group)}  # fmt: skip
     results[groups[1][7].key] = Result(Outcome.OK, metrics=(Metric("time", 100.0, "s"),))
-    rows = {name: texts for name, *texts in group_difference_rows(groups, results, discover())}
+    rows = {name: texts for name, *texts in difference_rows(groups, results, discover())}
     shown = [float(text) for text in rows["friction.stiffness [N/m]"]]
     np.testing.assert_allclose(shown, np.median(stiffness, axis=1), rtol=1e-9)
     assert rows["excitation.amplitude"] == ["6", "12"]
@@ -33,4 +33,6 @@ def test_a_group_shows_the_median_of_what_differs_within_it() -> None:
 
 def test_sweeps_alone_are_groups_of_one() -> None:
     sweeps = [drawn(6.0, n, 1e6 * (n + 1)) for n in range(2)]
-    assert difference_rows(sweeps, {}, discover()) == [["friction.stiffness [N/m]", "1000000", "2000000"]]
+    assert difference_rows([[sweep] for sweep in sweeps], {}, discover()) == [
+        ["friction.stiffness [N/m]", "1000000", "2000000"]
+    ]

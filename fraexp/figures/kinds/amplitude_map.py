@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fraexp.errors import FraexpError
 from fraexp.figures.elements import canvas
 from fraexp.figures.elements.canvas import LineStyle
-from fraexp.figures.elements.grouping import ShownResult
+from fraexp.figures.elements.grouping import MAX_MAPS, ShownResult
 from fraexp.figures.elements.labels import drawable
 from fraexp.figures.elements.scales import continuous_phase, decibel, degrees, readable_unit
 from fraexp.figures.kinds.difference import on_frequencies
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Masked = np.ma.MaskedArray[tuple[int, ...], np.dtype[np.float64]]
-MAX_MAPS = 4
-"""Maximum number of maps side by side."""
 MAX_ROW_NAMES = 40
 """Maximum number of rows with names that can be read."""
 NAME_INCH = 0.2
@@ -93,7 +91,7 @@ def amplitude_map_info(shown: Sequence[ShownResult], title: str = "") -> Amplitu
     return _map_info(series, row_title, (), title or "Response over frequency and amplitude", is_wanted=True)
 
 
-def response_map_info(shown: Sequence[ShownResult], title: str = "", is_relative: bool = False) -> AmplitudeMapInfo:
+def response_map_info(shown: Sequence[ShownResult], title: str = "") -> AmplitudeMapInfo:
     """Return maps of responses with a row for each group (see `CurvePlace.row`), the median of its random draws."""
     series: Series = {}
     names: dict[float, str] = {}
@@ -103,7 +101,7 @@ def response_map_info(shown: Sequence[ShownResult], title: str = "", is_relative
             names[of.place.row] = of.name
     axis = next((of.place.axis for of in shown if of.place), "")
     numbered = () if axis else tuple(names.get(float(row), "") for row in range(int(max(names, default=0)) + 1))
-    return _map_info(series, axis, numbered, title or "Response of each group over frequency", is_relative)
+    return _map_info(series, axis, numbered, title or "Response of each group over frequency", is_wanted=False)
 
 
 def _map_info(

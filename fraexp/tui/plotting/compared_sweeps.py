@@ -12,7 +12,7 @@ from fraexp.figures.elements.scales import readable_unit
 from fraexp.store import Store, StoredSweep, leave_out_damaged
 from fraexp.tui.plotting import plotted_curves
 from fraexp.tui.plotting.plotted_curves import REFERENCE, Picture, Reference
-from fraexp.views.comparison import fold_incomparable, group_difference_rows, with_all_labels
+from fraexp.views.comparison import difference_rows, fold_incomparable, with_all_labels
 from fraexp.views.words import plural
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -304,7 +304,7 @@ def compare_sweeps(
     leads = [sweeps[curve.members[0]] for curve in curves]
     references = _references(workspace, sweeps if few else leads, results)
     groups = [[sweeps[index] for index in curve.members] for curve in curves]
-    rows, folded = fold_incomparable(group_difference_rows(groups, results, workspace.registry))
+    rows, folded = fold_incomparable(difference_rows(groups, results, workspace.registry))
     return ComparedSweeps(tuple(sweeps), named, curves, references, rows, folded, left_out)
 
 

@@ -2,11 +2,13 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.figures.elements.bands import isolated_points
+from fraexp.figures.elements.view import wrap_phase
 from fraexp.tui.plotting.cell_canvas import CellCanvas, Limits, Points
 from fraexp.tui.plotting.curve_styles import CurveStyles, curve_digit
 from fraexp.tui.plotting.plotted_curves import REFERENCE, PlotPanel, PlotTrace
@@ -20,7 +22,6 @@ MAX_POINTS = 2000
 RESONANCE_PROMINENCE_DB = 3.0
 """Height above both sides from which a maximum of the magnitude is marked as a resonance [dB]."""
 MAX_RESONANCES = 6
-Phase = TypeVar("Phase", float, NDArray[np.float64])
 
 
 @dataclass
@@ -92,14 +93,12 @@ class PanelDrawing:
         style = self.styles.style(trace.curve)
         canvas.line(trace, points, style, self.styles.dash(trace.curve, trace.model))
         known = np.isfinite(trace.x) & np.isfinite(trace.y)
-        beside = np.concatenate([[False], trace.settled, [False]])
-        alone = trace.settled & ~beside[:-2] & ~beside[2:]
         left, right = canvas.window[:2]
-        for chosen, sign in ((known & ~trace.settled, UNSETTLED_SIGN), (alone, ISOLATED_SIGN)):
+        for chosen, sign in ((known & ~trace.settled, UNSETTLED_SIGN), (isolated_points(trace.settled), ISOLATED_SIGN)):
             seen = np.flatnonzero(chosen & (trace.x >= left) & (trace.x <= right))
             seen = seen[:: max(1, seen.size // MAX_POINTS)]
             if seen.size:
-                y = wrap_degrees(trace.y[seen]) if self.wrapped else trace.y[seen]
+                y = wrap_phase(trace.y[seen]) if self.wrapped else trace.y[seen]
                 canvas.signs(trace.x[seen], y, sign, style)
 
     def _draw_signs(self, canvas: CellCanvas, traces: Sequence[PlotTrace]) -> None:
@@ -157,26 +156,14 @@ def prominences(y: NDArray[np.float64]) -> dict[int, float]:
     A valley ends where y rises above the maximum, or ends. `scipy.signal` has this too, but its import takes half a
     second, for which the first picture would wait.
     """
-    left, right = _valleys(y.tolist()), _valleys(y[::-1].tolist())[::-1]
     maxima = np.flatnonzero((y[1:-1] > y[:-2]) & (y[1:-1] >= y[2:])) + 1
-    return {int(at): float(y[at] - max(left[at], right[at])) for at in maxima}
+    return {int(at): float(y[at] - max(_valley(y[at::-1]), _valley(y[at:]))) for at in maxima}
 
 
-def _valleys(values: Sequence[float]) -> list[float]:
-    """Return for each value the lowest one between it and the last higher one before it."""
-    found, higher = [], list[tuple[float, float]]()
-    for value in values:
-        low = value
-        while higher and higher[-1][0] <= value:
-            low = min(low, higher.pop()[1])
-        higher.append((value, low))
-        found.append(low)
-    return found
-
-
-def wrap_degrees(phase: Phase) -> Phase:
-    """Return a phase [deg] within ±180."""
-    return (phase + 180) % 360 - 180
+def _valley(y: NDArray[np.float64]) -> np.float64:
+    """Return the lowest value before one that is higher than the first."""
+    higher = np.flatnonzero(y > y[0])
+    return np.min(y[: higher[0]] if higher.size else y)
 
 
 def settled_line(trace: PlotTrace, wrapped: bool = False) -> SettledLine:
@@ -185,7 +172,7 @@ def settled_line(trace: PlotTrace, wrapped: bool = False) -> SettledLine:
     band = None if trace.band is None else np.where(trace.settled, trace.band, np.nan)
     if not wrapped:
         return SettledLine(trace.x, y, band)
-    inside = wrap_degrees(y)
+    inside = wrap_phase(y)
     jumps = np.flatnonzero(np.abs(np.diff(inside)) > 180) + 1
     band = None if band is None else np.insert(band + (inside - y), jumps, np.nan, axis=1)
     return SettledLine(np.insert(trace.x, jumps, np.nan), np.insert(inside, jumps, np.nan), band)

@@ -8,8 +8,9 @@ from rich.cells import cell_len, set_cell_size
 from rich.text import Text
 
 from fraexp.data.terminal_text import printable
+from fraexp.figures.elements.view import wrap_phase
 from fraexp.tui.plotting.curve_styles import DASHES, CurveStyles, curve_digit
-from fraexp.tui.plotting.panel_drawing import ViewRange, nearest_point, wrap_degrees
+from fraexp.tui.plotting.panel_drawing import ViewRange, nearest_point
 from fraexp.tui.plotting.plotted_curves import REFERENCE, Picture, PlotPanel, PlotTrace
 
 SAMPLES = {DASHES[0]: "━━━", DASHES[1]: "━╸━", DASHES[2]: "╍╍╍"}
@@ -113,7 +114,7 @@ def _cells(panel: PlotPanel, trace: PlotTrace | None, index: int, view_range: Vi
     value = float(trace.y[index])
     low, high = (np.nan, np.nan) if trace.band is None else trace.band[:, index].tolist()
     if panel.angle and view_range.wrapped:
-        turn = wrap_degrees(value) - value
+        turn = float(wrap_phase(np.array(value))) - value
         value, low, high = value + turn, low + turn, high + turn
     if panel.decades:
         value, low, high = 10.0**value, 10.0**low, 10.0**high
