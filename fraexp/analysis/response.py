@@ -166,7 +166,7 @@ def response_result(
         return Result(Outcome.NO_MOTION, (silence(frequency, silent),), response)
     doubts = (
         silence(frequency, silent) if silent.any() else None,
-        find_steady_motion(repeated, names[1], units[1]),
+        *(find_steady_motion(repeated, name, unit) for name, unit in zip(names, units, strict=True)),
     )
     found = Result(signals.outcome, (), response).with_findings(*doubts, is_doubt=True)
     found = found.with_findings(settling, *signals.findings)

@@ -131,6 +131,11 @@ KINDS: Mapping[str, Kind] = {
         "a sensor or a converter at its limit",
         "record with a larger range or a smaller excitation",
     ),
+    "held samples": Kind(
+        "it changes at every so many samples only",
+        "the drive refreshes the position more slowly than it is recorded, which delays it",
+        "record at the rate at which it is refreshed",
+    ),
     "lost signal": Kind(
         "it stays at one value and moves fast just before or after",
         "a sensor or a connection that was interrupted",

@@ -84,8 +84,8 @@ SPELLINGS = {
 """What people write, and pint reads otherwise (its U is that of enzymes, its amps an am/s)."""
 COUNTED = re.compile(r"(?<![A-Za-z])([kMmuµμn]?[AV])(?:[ _]?(?:rms|RMS|eff|pk|peak)|p|\([pP]\))(?![A-Za-z])")
 """Amperes and volts with a remark on how they are counted, ``Arms`` or ``A(p)``: the remark changes no number."""
-WRITTEN_OUT = re.compile(r"(?:Volt|Ampere|Newton|Hertz|Second|Degree|Meter|Radian)s?")
-"""Units of instruments that begin with a capital letter."""
+WRITTEN_OUT = re.compile(r"[A-Za-z]{3,}")
+"""A unit that instruments write in capitals, or with one: Volt, Deg, RPM."""
 TORQUE = re.compile(r"(?<![A-Za-z])((?:da|[kMcdmuµμ])?N)[-.·⋅]?([cm]?m)(?![A-Za-z])")
 """A torque such as Nm, kNm or N-m: to pint, measures of yarn or a difference."""
 POUNDS = {"lb": "force_pound", "lbs": "force_pound", "lbf": "force_pound", "oz": "force_ounce", "ozf": "force_ounce"}
@@ -139,11 +139,11 @@ def _length(name: str) -> str:
 def _quantity(unit: str) -> Any:
     written = _spell_torque(COUNTED.sub(r"\1", SPELLINGS.get(unit, unit)))
     written = PLAIN_POWER.sub(r"**\1", written)
-    if WRITTEN_OUT.fullmatch(written):
-        written = written.lower()
     try:
         if not _is_short_unit(written):
             raise ValueError("no unit is written so")
+        if WRITTEN_OUT.fullmatch(written) and written not in _registry():
+            written = written.lower()
         if _registry().Quantity(0.0, written).to_base_units().magnitude:
             raise ValueError("a unit with an offset is no factor")
         return _registry().Quantity(1.0, written)

@@ -48,6 +48,8 @@ CLOCK_ENDINGS = dict.fromkeys(("s", "sec"), "s") | dict.fromkeys(("ms", "msec", 
 """Units of a time by the last word of its name, such as ``time_us`` or ``millis``."""
 EPOCH_UNITS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 """Units of time stamps since 1970 by their size: in seconds they are about 2e9."""
+SAMPLE_TIMES = 5e-8, 0.5
+"""Sample times between which those of machines lie [s]."""
 TIME_NAMES = re.compile(r"time|t|zeit|timestamp", re.IGNORECASE)
 """Names of a column that is the time even if it is uneven."""
 RATE_NAMES = re.compile(r"fs|f_s|f_?samp\w*|sampl(e|ing)_?(rate|freq\w*)|abtastrate", re.IGNORECASE)
@@ -144,16 +146,30 @@ def _parse_sum(text: str, scale: float) -> dict[str, Any]:
     return {"column": found["column"], "plus" if found["sign"] == "+" else "minus": found["other"]}
 
 
+SIGNAL_UNITS = frozenset(("1", "N", "N*m", "N/m", "A", "V", "W", "Pa", "K", "s", "1/s"))
+SIGNAL_UNITS |= {f"{of}{per}" for of in ("m", "rad") for per in ("", "/s", "/s**2", "/s**3")}
+"""SI units of what is measured on machines."""
+
+
 def clock_unit(column: str, values: NDArray[np.float64] | None = None) -> str:
-    """Return the unit of a column of time for which neither the file nor the study states one: by name, then size."""
-    named = CLOCK_ENDINGS.get(re.split(r"[_ .]", column)[-1])
-    largest = float(np.abs(values).max()) if values is not None and values.size else 0.0
-    return named or next((unit for size, unit in EPOCH_UNITS if largest > size), "s")
+    """Return the unit of a column of time for which neither the file nor the study states one; empty if it is unknown.
+
+    Its name shows it, or its size, since 1970; else it is the second, or the day of a spreadsheet, if that makes a step
+    which machines have.
+    """
+    if named := CLOCK_ENDINGS.get(re.split(r"[_ .]|(?<=[a-z])(?=[A-Z])", column)[-1].lower()):
+        return named
+    if values is None or values.size < 2:
+        return "s"
+    largest, step = float(np.abs(values).max()), float(np.median(np.diff(values)))
+    epoch = next((unit for size, unit in EPOCH_UNITS if largest > size), "")
+    least, most = SAMPLE_TIMES
+    return epoch or next((unit for unit, day in (("s", 1.0), ("day", 86400.0)) if least < step * day < most), "")
 
 
 def resolve_channel(name: str, channel: Channel, table: RecordTable, path: Path, default: str = "") -> PlainTable:
     """Return column, SI unit and factor of a channel as plain data; `default` is the unit of a column without one."""
-    stated = {column: table.units[column] for column in channel.columns if table.units.get(column)}
+    stated = {column: unit for column in channel.columns if (unit := table.units.get(column) or _named_unit(column))}
     for column, unit in stated.items() if channel.unit and abs(channel.scale) == 1 else ():
         check_unit(name, channel, column, unit, path)  # another scale converts one quantity into another
     unit = channel.unit or next(iter(stated.values()), default)
@@ -165,7 +181,7 @@ def resolve_channel(name: str, channel: Channel, table: RecordTable, path: Path,
         raise ParameterError(
             f"{path.name}: channel '{name}' has no unit; give unit = such as mm, or 1 for a pure number"
         )
-    factor, short = si_unit(unit, f"{path.name}, channel '{name}'")
+    factor, short = signal_unit(unit, f"{path.name}, channel '{name}'")
     if channel.scale == 0:
         raise ParameterError(f"{path.name}, channel '{name}': scale is 0; expected another number")
     more: PlainTable = {key: getattr(channel, key) for key in ("plus", "minus", "integrate") if getattr(channel, key)}
@@ -248,6 +264,21 @@ def si_unit(unit: str, place: str) -> tuple[float, str]:
         raise ParameterError(f"{place}: {error}") from None
     except Exception:  # a file's header may contain anything, for which the parser of units raises anything
         raise ParameterError(f"{place}: '{unit}' is not a usable unit; give unit = such as mm, rad or 1") from None
+
+
+def signal_unit(unit: str, place: str) -> tuple[float, str]:
+    """Return the factor to SI and the SI unit of a signal of a machine; ParameterError for that of anything else.
+
+    The parser of units knows carats, atomic masses and gausses by what instruments write for counts and ratios.
+    """
+    factor, short = si_unit(unit, place)
+    if short not in SIGNAL_UNITS:
+        raise ParameterError(
+            f"{place}: '{unit}' would be {factor:.4g} {short}, which is no unit of a machine's signal; expected one of "
+            "force, torque, current, voltage, power, pressure, position, angle, speed, acceleration or a number: for "
+            "counts or ratios give the factor ('y=position * 0.5 [um]'), for a weight kgf or lbf, for gravity g_0"
+        )
+    return factor, short
 
 
 def channel_values(table: RecordTable, channel: Plain, name: str, path: Path) -> NDArray[np.float64]:
@@ -386,6 +417,12 @@ NAME_ENDING_UNITS |= {"g": "g_0", "mps2": "m/s^2", "mps": "m/s", "rpm": "rpm", "
 """Units at the end of names, such as ``force_N``."""
 
 
+def _named_unit(column: str) -> str:
+    """Return the unit at the end of a column's name; a single letter may mean anything, such as the motor."""
+    ending = column.rpartition("_")[2]
+    return NAME_ENDING_UNITS.get(ending, "") if len(ending) > 1 else ""
+
+
 def is_auxiliary(name: str) -> bool:
     """Say whether a name is that of a counter, a state or another column that is no signal."""
     return any(re.fullmatch(NAME_PATTERNS["ignored"], word) for word in _words(name))
@@ -405,7 +442,7 @@ def _words(name: str) -> list[str]:
 def is_usable_unit(unit: str) -> bool:
     """Say whether a unit that a file states is one: instruments also write words there, such as inc."""
     with suppress(FraexpError):
-        si_unit(unit, "")
+        signal_unit(unit, "")
         return bool(unit.strip())
     return False
 

@@ -339,8 +339,10 @@ class _Source:
         time = self._time_column(size)
         if time is not None:
             unit = clock_unit(time.name, self.values(time.column))
-            stated = "" if is_usable_unit(time.unit) else f" [{unit}]"
+            stated = "" if is_usable_unit(time.unit) else f" [{unit or 'UNIT'}]"
             self.proposal.options["time_column"] = column_text(time.column) + stated
+            if stated and not unit:
+                self.proposal.needs.append(f"the unit of '{time.name}' is unknown: replace UNIT")
             return
         for one in self.found:
             if one.guess in CLOCK_ROLES:
@@ -419,6 +421,8 @@ class _Source:
             return None
         values = self.values(of.column)
         unit = of.unit.strip() if is_usable_unit(of.unit) else clock_unit(of.name, values)
+        if not unit:
+            return None
         return np.asarray(values * si_unit(unit, self.path.name)[0])
 
     def _even_values(

@@ -18,6 +18,7 @@ from fraexp.analysis.fourier import line_amplitude, phasors
 from fraexp.analysis.quantisation import smallest_step
 from fraexp.data.findings import Finding, Quantity
 from fraexp.data.signals import Segment
+from fraexp.records.channels import SAMPLE_TIMES
 from fraexp.records.cutting import Cut
 from fraexp.records.loop_equation import FACTORS, WRONG, FaultKind, LoopController, fault_finding, judge_columns
 from fraexp.records.record_settings import INJECTED_CHANNELS
@@ -146,6 +147,9 @@ INERTIAS = {
 
 def implausible_units(segments: Sequence[Segment], units: Mapping[str, str]) -> Iterator[Finding]:
     """Yield channels whose span, or whose ratio to another, no machine has: their units or gains are wrong."""
+    least, most = SAMPLE_TIMES
+    if not least < (step := segments[0].sample_time) < most and not segments[0].stated:
+        yield Finding("implausible unit", (Quantity(step, "s", "sample time"),), place="time")
     for name, unit in units.items():
         span = max(float(np.ptp(segment.channels[name])) for segment in segments)
         if unit in SPANS and span and not SPANS[unit].least <= span <= SPANS[unit].most:
@@ -213,7 +217,7 @@ def _wrong_samples(segment: Segment, name: str, unit: str) -> WrongSamples | Non
     motion = _Motion(periods, unit)
     found = motion.wraps() if unit in POSITION_UNITS else None
     if found is None and unit in MOTION_UNITS:
-        found = (motion.stops() if segment.periodic else None) or motion.spikes()
+        found = motion.holds() or (motion.stops() if segment.periodic else None) or motion.spikes()
     return found and found._replace(finding=replace(found.finding, place=f"'{name}', {found.finding.place}"))
 
 
@@ -223,6 +227,8 @@ MIN_SPIKE_STEPS = 2.5
 """The same in steps of a coarse encoder."""
 MAX_SPIKE_SHARE = 0.01
 """Share of samples up to which they are wrong: more are a signal that is as fast as the samples, or two levels."""
+MIN_CHANGES = 10
+"""Changes of a position within a period, in most intervals of equal length, from which these are no chance."""
 MIN_RUN_SAMPLES, MIN_LOST_SAMPLES = 3, 20
 """Equal samples in a row from which they are more than the top of a wave, and from which the signal may be lost."""
 MIN_LOST_SHARE = 0.01
@@ -282,6 +288,17 @@ class _Motion:
         return WrongSamples(
             self._finding("spikes", worst[0], *quantities), sum((stop - start) * size for start, stop, size in found)
         )
+
+    def holds(self) -> WrongSamples | None:
+        """Return that a position changes at every second sample only, or more rarely: it is refreshed that slowly."""
+        changes = np.flatnonzero(self._steps[: self._samples])
+        every = int(np.gcd.reduce(np.diff(changes))) if changes.size >= MIN_CHANGES else 1
+        if every == 1 or 2 * every * changes.size < self._samples:
+            return None
+        if np.median(np.abs(self._steps[changes])) < MIN_SPIKE_STEPS * smallest_step(self._channel):
+            return None  # it moves evenly, by single steps of the encoder
+        held = Quantity(float(every), "1", "number of equal samples")
+        return WrongSamples(self._finding("held samples", int(changes[0]), held))
 
     def _excursions(
         self, places: NDArray[np.int64], leap: NDArray[np.float64], most: int

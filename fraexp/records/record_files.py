@@ -15,6 +15,8 @@ from fraexp.records.timebase import ColumnReader, find_time_column
 
 MAX_VALUE = 1e100
 """Magnitude of a sample from which a file is damaged: its square could not be computed."""
+LFS_POINTER = b"version https://git-lfs.github.com/spec/"
+"""How a file begins in whose place Git LFS keeps the data."""
 FILE_SIGN = ":"
 """Separates the name of the file from that of the column, where several files have a column of that name."""
 ContentLister = Callable[[Path], Mapping[str, tuple[tuple[int, ...], str]]]
@@ -25,6 +27,7 @@ def existing_file(path: Path) -> Path:
     """Return the full path of a file; if it is missing, RecordError names the most similar one."""
     try:
         if path.is_file():
+            _refuse_pointer(path)
             return path.resolve()
         if path.is_dir():
             raise RecordError(f"{path}: is a folder; expected a file")
@@ -34,6 +37,13 @@ def existing_file(path: Path) -> Path:
         raise RecordError(f"record.file: {error.strerror}; expected the name of a file") from None
     others = [other.name for other in path.parent.iterdir() if other.suffix == path.suffix]
     raise RecordError(f"{path}: there is no such file{did_you_mean(path.name, others)}")
+
+
+def _refuse_pointer(path: Path) -> None:
+    """Raise RecordError if a file only stands for the one that Git LFS keeps elsewhere."""
+    with path.open("rb") as file:
+        if file.read(len(LFS_POINTER)) == LFS_POINTER:
+            raise RecordError(f"{path.name}: this is a pointer of Git LFS and not the data; fetch them: git lfs pull")
 
 
 def find_reader(name: str, path: Path, registry: Registry) -> RecordReader:
@@ -67,7 +77,7 @@ def read_columns(reader: ColumnReader, path: Path, columns: set[str]) -> RecordT
         text = ", ".join(f"'{name}' {length}" for name, length in lengths.items())
         raise RecordError(
             f"{path.name}: the columns have different numbers of samples ({text}); expected equal ones: "
-            "choose channels of one sample rate"
+            "choose channels of one sample rate, or delete a last line that was cut off"
         )
     for name, samples in table.columns.items():
         bad = np.flatnonzero(~(np.abs(samples) < MAX_VALUE))

@@ -23,6 +23,7 @@ from fraexp.records.timebase import (
     MAX_JITTER,
     MAX_LOST,
     RESAMPLING_HINT,
+    UNIT_HINT,
     ColumnReader,
     TimeStamps,
     agreed_rate,
@@ -71,7 +72,9 @@ def plan_sampling(
     plain: PlainTable = {}
     if column is not None:
         unit = clock_unit(column.column, table.columns[column.column])
-        auxiliary_values("time", column, table, unit, path)  # refuses a unit that is none of time
+        if not (unit or column.unit or table.units.get(column.column)):
+            raise RecordError(f"{path.name}: the unit of the time in column '{column.column}' is unknown; {UNIT_HINT}")
+        auxiliary_values("time", column, table, unit or "s", path)  # refuses a unit that is none of time
         plain["time"] = {"column": column.column, "scale": resolve_channel("time", column, table, path, unit)["scale"]}
     has_one_rate = table.sample_time is not None and not plain and not settings.resample
     stamps = {} if has_one_rate else _stamps(table, plain, path)

@@ -23,6 +23,8 @@ from fraexp.errors import ParameterError, RecordError
 from fraexp.records.channels import Channel, PlainTable, auxiliary_values, check_unit, column_text, si_unit
 from fraexp.records.record_settings import RecordSettings
 
+MIN_MIRRORED = 3
+"""Number of frequencies from which a response does not mirror itself by chance."""
 POLAR, CARTESIAN = ("magnitude", "phase"), ("real", "imaginary")
 RESPONSE_CHANNELS = ("frequency", *POLAR, *CARTESIAN, "coherence")
 """Channels of a record that is a response: with ``frequency`` either the polar or the Cartesian ones."""
@@ -170,6 +172,13 @@ def _check_points(
             f"{path.name}: the response at {frequency[bad[0]]:.6g} Hz is {response[bad[0]]:g}; expected a finite "
             "number other than 0"
         )
+    middle = frequency.size // 2
+    mirrored = response[::-1][:middle].conj()
+    if middle > MIN_MIRRORED and np.allclose(response[:middle], mirrored, rtol=1e-6, atol=0):
+        raise RecordError(
+            f"{path.name}: the upper half is the complex conjugate of the lower one, as in a Fourier transform up to "
+            f"the sample rate; leave out the rows above {frequency[middle]:.6g} Hz"
+        )
     if coherence is not None and not ((coherence > 0) & (coherence <= 1)).all():
         raise RecordError(f"{path.name}: the coherence leaves the range from 0 to 1; expected γ² between them")
 
@@ -190,7 +199,14 @@ def _response(columns: Mapping[str, Plain], table: RecordTable, path: Path) -> N
         size = 10 ** (size / 20)
     else:
         _check_magnitude(columns["magnitude"]["column"], table, path)
-    angle = _column(columns["phase"], table) * units.factor(columns["phase"]["unit"] or "deg", "rad")
+    angle = _column(columns["phase"], table)
+    if not columns["phase"]["unit"] and np.ptp(angle) <= 2 * np.pi:
+        column = columns["phase"]["column"]
+        raise RecordError(
+            f"{path.name}: nothing tells if the phase in column '{column}' ({angle.min():.3g} to {angle.max():.3g}) is "
+            f"in degrees or radians; give its unit: 'phase={column_text(column)} [rad]' or [deg]"
+        )
+    angle = angle * units.factor(columns["phase"]["unit"] or "deg", "rad")
     return np.asarray(size * np.exp(1j * angle))
 
 

@@ -14,9 +14,12 @@ from fraexp.errors import ParameterError, RecordError
 from fraexp.records.channels import (
     RATE_NAMES,
     SAMPLE_TIME_NAMES,
+    SAMPLE_TIMES,
     TIME_NAMES,
     UNITLESS_MARKS,
     Channel,
+    clock_unit,
+    guess_role,
     si_unit,
 )
 
@@ -40,6 +43,7 @@ number of stamps that are looked at."""
 MAX_SLIP = 0.5
 """Deviation of uniform steps from one rate, in steps, above which the clock drifts."""
 RESAMPLING_HINT = 'resample it: resample = "cubic" (--resample cubic)'
+UNIT_HINT = "state the unit of its time, such as us, ms, or day for the dates of a spreadsheet"
 MAX_ODD_STEP = 0.5
 """Deviation of a step of the time, in steps, from which a sample is lost or written twice."""
 MAX_ODD_SHARE = 0.02
@@ -170,6 +174,8 @@ def sample_rate_of(time: NDArray[np.float64], place: str) -> float:
             return float(f"{1 / found.period:.10g}")
         if found.digit > found.period and not found.lost_count and found.is_within_digit:
             rate = f"{1 / found.period:.6g}"
+            if found.period < SAMPLE_TIMES[0]:
+                raise RecordError(f"{place} steps by {found.period:.3g} s; no machine is sampled so fast: {UNIT_HINT}")
             raise RecordError(
                 f"{place} is rounded to {found.digit:g} s, more than a step, so that a lost sample does not show; if "
                 f"none is lost, leave out time_column and give sample_rate = {rate} (--sample-rate {rate})"
@@ -347,19 +353,13 @@ def check_stated_rate(stated: float, reader: ColumnReader, path: Path) -> None:
 def unknown_rate_error(reader: ColumnReader, table: RecordTable, path: Path) -> RecordError:
     """Return the error for a record without a sample rate; it names what in the file may be one."""
     place = f"{path.name}: the sample rate is unknown; give"
-    time = next(
-        (
-            name
-            for name, size in _content_sizes(reader, path).items()
-            if size > 1 and TIME_NAMES.fullmatch(_short_name(name))
-        ),
-        "",
-    )
-    if time:
-        text = time if table.units.get(time) else f"{time} [s]"
-        return RecordError(
-            f"{place} time_column = \"{text}\" (--time '{text}') if that is the time, or sample_rate [Hz]"
-        )
+    for name, size in _content_sizes(reader, path).items():
+        if size > 1 and guess_role(name, "", (size,)).name == "time":
+            unit = "" if table.units.get(name) else clock_unit(name, reader.read(path, [name]).columns[name]) or "UNIT"
+            text = f"{name} [{unit}]" if unit else name
+            return RecordError(
+                f"{place} time_column = \"{text}\" (--time '{text}') if that is the time, or sample_rate [Hz]"
+            )
     for name, rate in _rates_in_file(reader, path).items():
         return RecordError(
             f"{place} sample_rate = {rate:.6g} (--sample-rate {rate:.6g}), if '{name}' in the file is in SI units"
