@@ -8,7 +8,8 @@ from fraexp.cli.output import print_json, print_path, say
 from fraexp.cli.report import report_folders
 from fraexp.cli.sweep_lookup import location_options
 from fraexp.errors import StudyError
-from fraexp.execution.executors import ResourceLimits, worker_count
+from fraexp.execution.executors import ResourceLimits
+from fraexp.execution.scheduler import RunOptions
 from fraexp.workspace.workspace_service import WorkspaceService
 
 
@@ -33,9 +34,8 @@ def _detach(arguments: Namespace, workspace: WorkspaceService) -> ExitCode:
     """Start the run in the background, and print its log file; invalid options are reported here, not there."""
     if arguments.dry_run:
         raise StudyError("--detach starts a run, --dry-run computes nothing; give only one of them")
-    worker_count(arguments.executor or "processes")
     limits = ResourceLimits.parse(arguments.time_limit, arguments.memory_limit, arguments.database_timeout)
-    limits.check(arguments.executor)
+    RunOptions(arguments.executor, arguments.rerun, limits).check()
     workspace.studies(arguments.study, arguments.overrides)
     started = workspace.launch(arguments.study, arguments.overrides, arguments.executor, arguments.rerun, limits, True)
     number = started.await_begin()

@@ -6,6 +6,7 @@ from contextlib import closing, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
+from typing import NamedTuple
 from uuid import uuid4
 
 from fraexp.components.registry import Registry
@@ -26,23 +27,26 @@ MAX_EXPLAINED_SWEEPS = 2000
 """Maximum number of sweeps for which a run says by itself why nothing is reused."""
 
 
-def plan(
-    study: ResolvedStudy,
-    store: Store | None,
-    registry: Registry,
-    rerun: str | None,
-    explain: bool = False,
-    executor: str | None = None,
-    limits: ResourceLimits | None = None,
-) -> tuple[list[Sweep], Planned]:
-    """Return the sweeps to compute, and the plan.
+class RunOptions(NamedTuple):
+    """Where the sweeps of a run are computed, which of them, and within which limits."""
 
-    Parameters
-    ----------
-    rerun : which stored sweeps are computed again: None, ``stale``, ``unusable`` or ``all``.
-    explain : whether the plan gives the reason of each sweep.
-    executor : the executor whose time is estimated; by default one that suits the sweeps and the `limits`.
-    """
+    executor: str | None = None
+    """Such as ``serial`` or ``processes:4``; None for one that suits the sweeps and the limits."""
+    rerun: str | None = None
+    """Which stored sweeps are computed again: None, ``stale``, ``unusable`` or ``all``."""
+    limits: ResourceLimits = ResourceLimits()
+
+    def check(self) -> None:
+        """Raise StudyError if there is no such executor, or if it cannot enforce the limits."""
+        worker_count(self.executor or PROCESSES)
+        self.limits.check(self.executor)
+
+
+def plan(
+    study: ResolvedStudy, store: Store | None, registry: Registry, options: RunOptions, explain: bool = False
+) -> tuple[list[Sweep], Planned]:
+    """Return the sweeps to compute, and the plan; if `explain`, it gives the reason of each sweep."""
+    executor, rerun, limits = options
     known = store.stored_states([sweep.key for sweep in study.sweeps]) if store else {}
     stale = _changed_components(study.sweeps, known, registry)
     unusable = {key for key, state in known.items() if state.outcome in UNUSABLE_OUTCOMES}
@@ -56,7 +60,7 @@ def plan(
     planned = Planned(study.name, study.title, len(study.sweeps), reused, len(missing), kept, TimeLeft(0.0))
     if missing:
         time = run_time_of(missing, store)
-        needs_process = limits is not None and limits.memory is not None
+        needs_process = limits.memory is not None
         chosen = executor or (PROCESSES if needs_process else choose_executor(missing, time.left(workers=1)))
         planned = replace(planned, time=time.left(worker_count(chosen)), executor=chosen)
     if not explain:
@@ -78,34 +82,31 @@ def run(
     study: ResolvedStudy,
     store: Store,
     registry: Registry,
+    options: RunOptions,
     *,
-    executor: str | None,
-    limits: ResourceLimits | None = None,
-    rerun: str | None,
     command: str,
     provenance: Plain,
     plugins: str,
 ) -> Generator[Event, None, None]:
     """Compute the missing sweeps of a study and yield events; closing the iterator interrupts the run.
 
-    Without an `executor` all cores are used, unless worker processes would start too late to help.
+    Without an executor all cores are used, unless worker processes would start too late to help.
     """
-    limits = limits or ResourceLimits()
-    retry = DatabaseRetry(timeout=limits.database)
-    missing, planned = yield from retry.call(
-        lambda: plan(study, store, registry, rerun, executor=executor, limits=limits)
-    )
+    retry = DatabaseRetry(timeout=options.limits.database)
+    missing, planned = yield from retry.call(lambda: plan(study, store, registry, options))
     yield planned
     for text in filter(None, (_repeats_text(study), store.advice)):
         yield Noticed(text)
     yield from (yield from retry.call(lambda: list(_notice_new_versions(study, planned, store, registry))))
     time = yield from retry.call(lambda: run_time_of(missing, store))
     # Workers are created before the run is recorded, because the executor may refuse; without sweeps none are needed.
-    with create_workers(planned.executor, len(missing), limits) if missing else nullcontext() as workers:
+    with create_workers(planned.executor, len(missing), options.limits) if missing else nullcontext() as workers:
         facts = {**provenance, "run_id": uuid4().hex}
         number = yield from begin_run(study, store, command, facts, retry)
         spool = Spool(study, command, facts, Path(plugins).parent if plugins else Path.cwd())
-        context = RunContext(number, store, registry, plugins, rerun is not None, time, retry, spool.keep_results)
+        context = RunContext(
+            number, store, registry, plugins, options.rerun is not None, time, retry, spool.keep_results
+        )
         state = yield from compute_recorded(study, missing, context, workers)
     yield Ended(number, state)
 

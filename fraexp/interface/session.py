@@ -13,6 +13,7 @@ from fraexp.components.registry import SESSION, LoadFailure, Registry, create
 from fraexp.data.identity import FileStamp
 from fraexp.errors import FraexpError, ParameterError, StudyError, did_you_mean
 from fraexp.execution.executors import ResourceLimits
+from fraexp.execution.scheduler import RunOptions
 from fraexp.interface import direct_computation
 from fraexp.interface.argument_checks import require_mapping, require_path, require_positive, require_text
 from fraexp.interface.callable_law import FrictionLaw
@@ -123,7 +124,7 @@ class Workspace:
             if word is not None:
                 require_text(word, what)
         resolved, command = self._resolve(study, changes)
-        events = self._service.run_resolved([resolved], command, executor, rerun, limits)
+        events = self._service.run_resolved([resolved], command, RunOptions(executor, rerun, limits))
         ended = follow_run(events, progress)
         if ended.run is None:
             raise FraexpError(f"{resolved.name}: the run was interrupted before it had begun")
@@ -138,7 +139,7 @@ class Workspace:
         ``unlike`` sweeps, of which it is unknown.
         """
         resolved, _ = self._resolve(study, changes)
-        (planned,) = self._service.plan_resolved([resolved])
+        (planned,) = self._service.plan_resolved([resolved], RunOptions())
         counts = {"total": planned.total, "reused": planned.reused, "missing": planned.missing}
         return counts | planned.time._asdict()
 

@@ -15,7 +15,8 @@ from fraexp.errors import FraexpError, StudyError
 from fraexp.execution import background, provenance, scheduler
 from fraexp.execution.database_retry import DatabaseRetry
 from fraexp.execution.events import Ended, Event, Noticed, Planned
-from fraexp.execution.executors import ResourceLimits, worker_count
+from fraexp.execution.executors import ResourceLimits
+from fraexp.execution.scheduler import RunOptions
 from fraexp.records.first_look import Choice, RecordLook, choose, identification_study, look_at
 from fraexp.records.study_writer import ImportRequest, is_same_study, study_data, write_study
 from fraexp.reports.published_comparisons import run_title
@@ -63,51 +64,31 @@ class WorkspaceService(WorkspaceFolder):
         Finished sweeps are kept. All studies are resolved before the first one starts, and nothing is written if one of
         them is invalid.
         """
-        worker_count(executor or "processes")
-        limits = limits or ResourceLimits()
-        limits.check(executor)
+        options = RunOptions(executor, rerun, limits or ResourceLimits())
+        options.check()
         resolved = self.studies(studies, overrides)
         if dry_run:
-            for planned in self.plan_resolved(resolved, rerun, executor, limits, explain=True):
+            for planned in self.plan_resolved(resolved, options, explain=True):
                 yield from (planned, Ended(None, "dry"))
             return
-        yield from self.run_resolved(resolved, self.command(studies, overrides), executor, rerun, limits)
+        yield from self.run_resolved(resolved, self.command(studies, overrides), options)
 
     def run_resolved(
-        self,
-        studies: Sequence[ResolvedStudy],
-        command: str,
-        executor: str | None = None,
-        rerun: str | None = None,
-        limits: ResourceLimits | None = None,
+        self, studies: Sequence[ResolvedStudy], command: str, options: RunOptions
     ) -> Generator[Event, None, None]:
         """Run studies that are resolved already; `command` says in the database how the run was started."""
-        worker_count(executor or "processes")
+        options.check()
         with self.open_store("create") as store:
             for study in studies:
-                yield from self._run_one(study, store, command, executor, rerun, limits)
+                yield from self._run_one(study, store, command, options)
 
     def _run_one(
-        self,
-        study: ResolvedStudy,
-        store: Store,
-        command: str,
-        executor: str | None = None,
-        rerun: str | None = None,
-        limits: ResourceLimits | None = None,
+        self, study: ResolvedStudy, store: Store, command: str, options: RunOptions
     ) -> Generator[Event, None, None]:
-        events = scheduler.run(
-            study,
-            store,
-            self.registry,
-            executor=executor,
-            limits=limits,
-            rerun=rerun,
-            command=command,
-            provenance=provenance.gather_provenance() | ({"executor": executor} if executor else {}),
-            plugins=str(self.folder / "plugins"),
-        )
-        retry = DatabaseRetry(timeout=(limits or ResourceLimits()).database)
+        facts = provenance.gather_provenance() | ({"executor": options.executor} if options.executor else {})
+        plugins = str(self.folder / "plugins")
+        events = scheduler.run(study, store, self.registry, options, command=command, provenance=facts, plugins=plugins)
+        retry = DatabaseRetry(timeout=options.limits.database)
         with closing(events):
             for event in events:
                 yield (yield from self._draw_ended(event, study, store, retry)) if isinstance(event, Ended) else event
@@ -130,7 +111,8 @@ class WorkspaceService(WorkspaceFolder):
         word = "fit" if kind == Plant.kind else "tune"
         study = ResolvedStudy(name, Path(name), f"{word.capitalize()} of {name.removesuffix(f'-{word}')}", "", wrapped)
         with self.open_store("create") as store:
-            yield from self._run_one(study, store, shlex.join(["fraexp", word, *(s.key[4:12] for s in sweeps)]))
+            command = shlex.join(["fraexp", word, *(s.key[4:12] for s in sweeps)])
+            yield from self._run_one(study, store, command, RunOptions())
 
     def record_files(self, sweep: StoredSweep) -> Mapping[str, str]:
         """Return the files of a sweep's record, which the study of one of its runs names."""
@@ -203,19 +185,14 @@ class WorkspaceService(WorkspaceFolder):
     ) -> tuple[list[ResolvedStudy], list[Planned]]:
         """Return studies by name, file or folder, resolved, and the plans of running them; nothing is written."""
         resolved = self.studies([study], overrides)
-        return resolved, self.plan_resolved(resolved, rerun, executor)
+        return resolved, self.plan_resolved(resolved, RunOptions(executor, rerun))
 
     def plan_resolved(
-        self,
-        studies: Sequence[ResolvedStudy],
-        rerun: str | None = None,
-        executor: str | None = None,
-        limits: ResourceLimits | None = None,
-        explain: bool = False,
+        self, studies: Sequence[ResolvedStudy], options: RunOptions, explain: bool = False
     ) -> list[Planned]:
         """Return the plans of running studies that are resolved already; nothing is written."""
         with self.open_store() if self.has_database() else nullcontext() as store:
-            return [scheduler.plan(of, store, self.registry, rerun, explain, executor, limits)[1] for of in studies]
+            return [scheduler.plan(of, store, self.registry, options, explain)[1] for of in studies]
 
     def outline(
         self, study: str, overrides: Sequence[str] = ()
