@@ -51,7 +51,7 @@ def emit_rows(
 
 
 def emit_array(
-    context: BaseContext, builder: ir.IRBuilder, address: ir.Value, size: ir.Value, kind: types.Type = ONE_DIMENSION
+    context: BaseContext, builder: ir.IRBuilder, address: ir.Value, size: ir.Value, kind: types.Type
 ) -> ir.Value:
     """Emit an array of doubles at an address; it does not own its memory."""
     array = context.make_array(kind)(context, builder)
@@ -74,28 +74,23 @@ def row_viewer(kind: RowsType) -> Callable[[int, int], Any]:
     return intrinsic(view_rows)
 
 
-@intrinsic
-def array_view(typingctx: object, address: types.Type, size: types.Type) -> Intrinsic:
-    """Return the array of doubles at an address: a law may use it in every way that numba knows."""
+def _array_viewer(kind: types.Type) -> Callable[[int, int], Any]:
+    """Return a compiled function that returns the array of doubles at an address, of a size."""
 
-    def emit(context: BaseContext, builder: ir.IRBuilder, sig: Signature, values: Sequence[ir.Value]) -> ir.Value:
-        place, count = values
-        return impl_ret_borrowed(context, builder, sig.return_type, emit_array(context, builder, place, count))
+    def view_array(typingctx: object, address: types.Type, size: types.Type) -> Intrinsic:
+        def emit(context: BaseContext, builder: ir.IRBuilder, sig: Signature, values: Sequence[ir.Value]) -> ir.Value:
+            array = emit_array(context, builder, *values, kind)
+            return impl_ret_borrowed(context, builder, sig.return_type, array)
 
-    return ONE_DIMENSION(types.int64, types.int64), emit
+        return kind(types.int64, types.int64), emit
+
+    return intrinsic(view_array)
 
 
-@intrinsic
-def read_only_view(typingctx: object, address: types.Type, size: types.Type) -> Intrinsic:
-    """Return the array of doubles at an address, which a law can only read."""
-
-    def emit(context: BaseContext, builder: ir.IRBuilder, sig: Signature, values: Sequence[ir.Value]) -> ir.Value:
-        place, count = values
-        return impl_ret_borrowed(
-            context, builder, sig.return_type, emit_array(context, builder, place, count, READ_ONLY)
-        )
-
-    return READ_ONLY(types.int64, types.int64), emit
+array_view = _array_viewer(ONE_DIMENSION)
+"""Returns the array of doubles at an address: a law may use it in every way that numba knows."""
+read_only_view = _array_viewer(READ_ONLY)
+"""Returns the array of doubles at an address, which a law can only read."""
 
 
 @compiled(forceinline=True)
