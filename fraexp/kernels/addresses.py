@@ -79,7 +79,8 @@ def _array_viewer(kind: types.Type) -> Callable[[int, int], Any]:
 
     def view_array(typingctx: object, address: types.Type, size: types.Type) -> Intrinsic:
         def emit(context: BaseContext, builder: ir.IRBuilder, sig: Signature, values: Sequence[ir.Value]) -> ir.Value:
-            array = emit_array(context, builder, *values, kind)
+            place, count = values
+            array = emit_array(context, builder, place, count, kind)
             return impl_ret_borrowed(context, builder, sig.return_type, array)
 
         return kind(types.int64, types.int64), emit

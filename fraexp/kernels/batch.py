@@ -13,7 +13,7 @@ from numba import types
 from numba.core.dispatcher import Dispatcher
 from numpy.typing import NDArray
 
-from fraexp.kernels.addresses import call_block
+from fraexp.kernels.addresses import DOUBLE_BYTES, call_block
 from fraexp.kernels.batch_arrays import (
     BEYOND_LIMIT,
     DIVERGED,
@@ -23,6 +23,7 @@ from fraexp.kernels.batch_arrays import (
     LANE_DTYPE,
     NOT_FINITE,
     NOT_SETTLED,
+    OFFSET,
     QUEUE_DTYPE,
     RAMP,
     READ_INDEX,
@@ -34,13 +35,16 @@ from fraexp.kernels.batch_arrays import (
     BatchArrays,
     KernelBatch,
     LoopJob,
+    LoopLane,
 )
 from fraexp.kernels.block import (
     DRIVE_AMPLITUDE,
     DRIVE_REFERENCE,
     DRIVE_RISE,
     SIGNATURE,
+    TRACE_CHANNELS,
     TRACE_NEXT_POSITION,
+    TRACE_POSITION,
     TRACE_SAMPLES,
     make_block,
 )
@@ -48,7 +52,6 @@ from fraexp.kernels.call_watch import watched_call
 from fraexp.kernels.decorators import COMPILER_OPTIONS, compiled
 from fraexp.kernels.guards import state_count, written_index
 from fraexp.kernels.lane_layout import LaneLayout
-from fraexp.kernels.lane_records import deliver_record, keep_trace, make_room
 from fraexp.kernels.law import (
     explain_compiler_errors,
     kernel_source_hash,
@@ -58,6 +61,7 @@ from fraexp.kernels.law_error import LawCallError
 from fraexp.kernels.law_fingerprint import fingerprint
 from fraexp.kernels.loop_laws import Laws, last_call
 from fraexp.kernels.machine_code import compile_kernel, function_address
+from fraexp.kernels.memory_moves import TILE, copy_doubles, store_transposed
 from fraexp.kernels.periodic_state import KEPT_WINDOWS, keep_state
 from fraexp.kernels.settling import end_window
 from fraexp.kernels.structs import float_array_type, struct_array_type
@@ -155,7 +159,7 @@ def _advance(block: int, batch: BatchArrays, pool: NDArray[np.float64], budget: 
         call_block(block, batch.frame)
         done = frame.samples_done  # fewer than asked for where a lane diverged
         budget -= done
-        keep_trace(done, is_recording, batch)
+        _keep_trace(done, is_recording, batch)
         for k in range(width):
             lane = lanes[k]
             lane.remaining -= done
@@ -176,7 +180,7 @@ def _enter_next_stage(k: int, batch: BatchArrays, pool: NDArray[np.float64]) -> 
         _begin_next_job(k, batch)
         return True
     if lane.stage == RECORD:
-        if not deliver_record(k, batch, pool):
+        if not _deliver_record(k, batch, pool):
             return False
         _begin_next_job(k, batch)
         return True
@@ -191,11 +195,11 @@ def _enter_next_stage(k: int, batch: BatchArrays, pool: NDArray[np.float64]) -> 
                 lane.stage, lane.remaining = RECORD, 0
                 return True
             lane.stage, lane.remaining = RECORD, job.record
-            make_room(k, job.window, job.record, lane, cursors, history)
+            _make_room(k, job.window, job.record, lane, cursors, history)
             return True
     keep_state(numbers, batch.linear_rows, batch.window_states[k, 0], lane.pairs)
     lane.stage, lane.remaining = SETTLE, job.window
-    make_room(k, KEPT_WINDOWS * job.window, job.window, lane, cursors, history)
+    _make_room(k, KEPT_WINDOWS * job.window, job.window, lane, cursors, history)
     return True
 
 
@@ -264,3 +268,68 @@ _BATCH_TYPE = types.NamedTuple((
 ), BatchArrays)  # fmt: skip
 _SIGNATURE = (types.int64, _BATCH_TYPE, float_array_type(1), types.int64)
 """Types of `_advance`'s arguments: the block's address, the arrays, the pool, and the samples."""
+
+
+@compiled(**COMPILER_OPTIONS)
+def _keep_trace(samples: int, is_recording: bool, batch: BatchArrays) -> None:
+    """Add the samples of a block to the histories of all lanes and, from where a record starts, to the record."""
+    trace, cursors, history, recorded = batch.trace, batch.cursors, batch.history, batch.recorded
+    for k in range(trace.shape[1]):
+        cursors[OFFSET, k] = k * history.shape[1] + cursors[FILL_COUNT, k]
+    _keep_part(trace, TRACE_POSITION, samples, history.ctypes.data, cursors[OFFSET])
+    if not is_recording:
+        return
+    channels, row = recorded.shape[1], recorded.shape[2]
+    for channel in range(channels):
+        for k in range(trace.shape[1]):  # what comes before a record goes to the room before it
+            cursors[OFFSET, k] = (
+                (k * channels + channel) * row + TRACE_SAMPLES - min(cursors[RECORD_START, k], TRACE_SAMPLES)
+            )
+        _keep_part(trace, TRACE_CHANNELS + channel, samples, recorded.ctypes.data, cursors[OFFSET])
+
+
+@compiled(**COMPILER_OPTIONS)
+def _keep_part(trace: NDArray[np.float64], part: int, samples: int, target: int, offsets: NDArray[np.int64]) -> None:
+    """Write a part of the trace to an address, each lane at its own offset; up to TILE - 1 numbers too many."""
+    width = trace.shape[1]
+    first = trace.ctypes.data + part * TRACE_SAMPLES * width * DOUBLE_BYTES
+    if width == 1:
+        copy_doubles(target + offsets[0] * DOUBLE_BYTES, first, samples)
+        return
+    for lane in range(0, width, TILE):
+        for i in range(0, samples, TILE):
+            rows = first + (i * width + lane) * DOUBLE_BYTES
+            store_transposed(
+                rows, width * DOUBLE_BYTES, target + i * DOUBLE_BYTES, offsets.ctypes.data + lane * DOUBLE_BYTES
+            )
+
+
+@compiled(**COMPILER_OPTIONS)
+def _make_room(
+    k: int, keep: int, samples: int, lane: LoopLane, cursors: NDArray[np.int64], history: NDArray[np.float64]
+) -> None:
+    """Drop all positions but the last `keep` where the history has no room for the next samples."""
+    filled = cursors[FILL_COUNT, k]
+    if filled + samples + TILE > history.shape[1]:
+        for i in range(keep):
+            history[k, i] = history[k, filled - keep + i]
+        cursors[FILL_COUNT, k], lane.has_dropped = keep, 1
+
+
+@compiled(**COMPILER_OPTIONS)
+def _deliver_record(k: int, batch: BatchArrays, pool: NDArray[np.float64]) -> bool:
+    """Copy the finished record of lane k to the pool; return whether the pool has room for it."""
+    lane, queue, history, recorded = batch.lanes[k], batch.queue[0], batch.history, batch.recorded
+    record, result = batch.jobs[lane.job].record, batch.results[lane.job]
+    filled, used = batch.cursors[FILL_COUNT, k], queue.pool_used
+    first = filled - record if lane.has_dropped else 0
+    if used + filled - first + recorded.shape[1] * record > pool.size:
+        return False
+    result.pool_index, result.lead_in = used, filled - first - record
+    copy_doubles(pool[used:].ctypes.data, history[k, first:].ctypes.data, filled - first)
+    used += filled - first
+    for channel in range(recorded.shape[1]):
+        copy_doubles(pool[used:].ctypes.data, recorded[k, channel, TRACE_SAMPLES:].ctypes.data, record)
+        used += record
+    queue.pool_used = used
+    return True

@@ -5,6 +5,7 @@ resolved to therefore follows from its own text and from the sections that it in
 hashes of both.
 """
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,14 +22,74 @@ from fraexp.errors import FraexpError, StudyError
 from fraexp.simulation import motion_limits
 from fraexp.simulation.machine import Numerics, build_machine
 from fraexp.simulation.motion_limits import MotionLimits
-from fraexp.study import grid as grids
 from fraexp.study.paths import component_of
-from fraexp.study.sections import MACHINE, SETTINGS, is_for_autonomous, overlay
+from fraexp.study.sections import MACHINE, SETTINGS, is_for_autonomous, merge, nested_table, overlay
 
 EXCITATION, ESTIMATOR = INHERITING = (Excitation.kind, "estimator")
 """Components that inherit from resolved sections; all other sections inherit from the sections as written."""
 OF_A_DRIVE = ("friction", EXCITATION, "loop")
 OF_A_LOOP = (*MACHINE, EXCITATION, "numerics")
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Points of a grid that differ in one section only: those along its last axis."""
+
+    sections: Mapping[str, Any]
+    """What is written at the first of them."""
+    inner: str
+    """Section that the last axis varies; empty for a study without a grid."""
+    variants: Sequence[Any]
+    """That section at each point."""
+    values: Sequence[tuple[Any, ...]]
+    """Value of each axis, at each point."""
+
+
+def _grid_rows(sections: Plain, grid: Mapping[str, Sequence[Any]], place: str) -> Iterator[_Row]:
+    """Yield the rows of a grid in the order of its points; the last axis varies fastest.
+
+    A section that is written the same at several points is the same object.
+    """
+    written = {name: as_section(value) for name, value in sections.items()}
+    if not grid:
+        yield _Row(written, "", ("",), ((),))
+        return
+    variants = {name: _Variants(name, written, grid, place) for name in dict.fromkeys(map(_owner, grid))}
+    *outer, last = grid.values()
+    inner = _owner(list(grid)[-1])
+    for point in itertools.product(*(range(len(axis)) for axis in outer)):
+        before = tuple([axis[index] for axis, index in zip(outer, point, strict=True)])
+        along = [variants[inner].variant_at((*point, index)) for index in range(len(last))]
+        first = {name: of.variant_at((*point, 0)) for name, of in variants.items()}
+        yield _Row({**written, **first}, inner, along, [(*before, value) for value in last])
+
+
+def _owner(path: str) -> str:
+    """Return the section that a path leads into."""
+    return path.partition(".")[0]
+
+
+class _Variants:
+    """A section as it is written at the points of a grid, by the indices of the axes that vary it."""
+
+    def __init__(self, name: str, sections: Plain, grid: Mapping[str, Sequence[Any]], place: str) -> None:
+        self._name, self._place = name, place
+        self._base = {name: sections[name]} if name in sections else {}
+        self._axes = [(at, path, values) for at, (path, values) in enumerate(grid.items()) if _owner(path) == name]
+        self._made: dict[tuple[int, ...], Any] = {}
+
+    def variant_at(self, point: tuple[int, ...]) -> Any:
+        """Return the section at a point, given by the index of the value on each axis."""
+        mine = tuple([point[at] for at, _, _ in self._axes])
+        if mine not in self._made:
+            self._made[mine] = self._lay_over(mine)
+        return self._made[mine]
+
+    def _lay_over(self, indices: tuple[int, ...]) -> Any:
+        whole: dict[str, Any] = self._base
+        for (_, path, values), index in zip(self._axes, indices, strict=True):
+            whole = merge(whole, nested_table(path, values[index]), self._place)
+        return as_section(whole[self._name])
 
 
 @dataclass
@@ -58,7 +119,7 @@ class _Point:
 
 
 def _blame_grid(
-    points: Iterator[tuple[_Point, tuple[Any, ...], Plain | None]], grid: Mapping[str, Sequence[Any]], row: grids.Row
+    points: Iterator[tuple[_Point, tuple[Any, ...], Plain | None]], grid: Mapping[str, Sequence[Any]], row: _Row
 ) -> Iterator[tuple[_Point, tuple[Any, ...], Plain | None]]:
     """Yield the points of a row; an error about a parameter that the grid varies says so, with its value."""
     done = 0
@@ -96,7 +157,7 @@ class Resolver:
         In the sweep the machine's own components stand in for fits.
         """
         refers = fit_references.mentions_fit(sections, grid)
-        for row in grids.rows(sections, grid, f"{place}, [grid]"):
+        for row in _grid_rows(sections, grid, f"{place}, [grid]"):
             for point, values, written in _blame_grid(self._row(row, refers, place), grid, row):
                 at_point = dict(zip(grid, values, strict=True))
                 experiment = self._experiment(point.resolved, place)
@@ -117,7 +178,7 @@ class Resolver:
             self._complete(point, name, place)
         return {name: dict(section) for name, section in point.resolved.items()}
 
-    def _row(self, row: grids.Row, refers: bool, place: str) -> Iterator[tuple[_Point, tuple[Any, ...], Plain | None]]:
+    def _row(self, row: _Row, refers: bool, place: str) -> Iterator[tuple[_Point, tuple[Any, ...], Plain | None]]:
         """Yield the points of a row with the values of the axes, and what was written if that refers to a fit."""
         if refers:
             for values, variant in zip(row.values, row.variants, strict=True):
