@@ -9,7 +9,6 @@ from fraexp.api import Period, param
 from fraexp_plugins.excitations._shared.sampling import (
     PROFILE_MEANING,
     AmplitudeProfile,
-    check_profile,
     even_samples,
     relative_amplitude,
 )
@@ -41,11 +40,6 @@ class Chirp(BroadbandExcitation, name="chirp", version=1):
         "1", "fraction of the period over which the amplitude rises, and falls", 0.01, above=0, at_most=0.02
     )
     amplitude_profile: AmplitudeProfile = param("Hz", PROFILE_MEANING, ())
-
-    def model_post_init(self, context: object) -> None:
-        """Check frequency range and amplitude profile."""
-        super().model_post_init(context)
-        check_profile(self.name, self.amplitude_profile)
 
     def check(self, sample_time: float) -> None:
         """Refuse a range without lines, lines from the Nyquist frequency on, and what does not fit into memory."""

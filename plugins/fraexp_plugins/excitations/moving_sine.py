@@ -11,7 +11,6 @@ from fraexp_plugins.excitations._shared.sampling import (
     PROFILE_MEANING,
     AmplitudeProfile,
     CoherentBlock,
-    check_profile,
     coherent_half_period,
     relative_amplitude,
     sine_wave,
@@ -59,11 +58,6 @@ class MovingSine(SteppedExcitation, name="moving_sine", version=1):
         above=0,
         at_most=MAX_SETTLING_TOLERANCE,
     )
-
-    def model_post_init(self, context: object) -> None:
-        """Check grid and amplitude profile."""
-        super().model_post_init(context)
-        check_profile(self.name, self.amplitude_profile)
 
     def check(self, sample_time: float) -> None:
         """Refuse frequencies from the Nyquist frequency on, and base periods that do not fit into memory."""

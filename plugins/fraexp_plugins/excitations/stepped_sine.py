@@ -6,7 +6,6 @@ from fraexp.api import Period, param
 from fraexp_plugins.excitations._shared.sampling import (
     PROFILE_MEANING,
     AmplitudeProfile,
-    check_profile,
     relative_amplitude,
     sine_wave,
 )
@@ -24,11 +23,6 @@ class SteppedSine(SteppedExcitation, name="stepped_sine", version=1):
 
     amplitude: float = param("N", "amplitude A", above=0)
     amplitude_profile: AmplitudeProfile = param("Hz", PROFILE_MEANING, ())
-
-    def model_post_init(self, context: object) -> None:
-        """Check grid and amplitude profile."""
-        super().model_post_init(context)
-        check_profile(self.name, self.amplitude_profile)
 
     def periods(self, sample_time: float) -> tuple[Period, ...]:
         """Return one block of whole periods per frequency."""

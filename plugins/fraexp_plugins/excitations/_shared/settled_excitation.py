@@ -16,6 +16,7 @@ from fraexp_plugins.excitations._shared.sampling import (
     CoherentBlock,
     check_nyquist,
     check_period,
+    check_profile,
     check_range,
     check_recorded,
     coherent_block,
@@ -39,6 +40,10 @@ class SettledExcitation(Excitation, ABC):
     settling_timeout: float = param("s", "time after which settling is given up", 30.0, above=0, at_most=10_000)
     recorded_periods: int = param("1", "minimum number of whole periods recorded", 1, at_least=1, at_most=100_000)
 
+    def model_post_init(self, context: object) -> None:
+        """Check the amplitude profile of an excitation that has one."""
+        check_profile(self.name, getattr(self, "amplitude_profile", ()))
+
     @property
     def schedule(self) -> Schedule:
         """Settle until periodic."""
@@ -60,6 +65,7 @@ class SteppedExcitation(SettledExcitation, ABC):
 
     def model_post_init(self, context: object) -> None:
         """Check the grid."""
+        super().model_post_init(context)
         if not self.frequencies:
             check_range(self.name, self.min_frequency, self.max_frequency)
         if min(self.frequencies, default=1.0) <= 0:
@@ -134,6 +140,7 @@ class BroadbandExcitation(SettledExcitation, ABC):
 
     def model_post_init(self, context: object) -> None:
         """Check the frequency range."""
+        super().model_post_init(context)
         check_range(self.name, self.min_frequency, self.max_frequency)
 
     @property
