@@ -38,7 +38,7 @@ def two_amplitudes(recorded):
 
 @pytest.fixture(scope="module")
 def found(two_amplitudes):
-    return identified(two_amplitudes)
+    return identified(two_amplitudes, mass=7.5)
 
 
 def identified(signals, **given):
@@ -165,10 +165,14 @@ def test_friction_of_another_kind_is_not_explained(recorded, friction):
 
 
 @pytest.mark.thorough
-def test_a_wrong_dead_time_is_seen(two_amplitudes):
-    result = identified(two_amplitudes, input_dead_time=1.5e-3)
+@pytest.mark.parametrize(
+    ("given", "words"), [({"input_dead_time": 1.5e-3}, "check delays"), ({"mass": 30}, "1.99 times")]
+)
+def test_a_wrong_statement_is_seen(two_amplitudes, given, words):
+    """Half of the sample time makes a quarter of the mass, and nothing else contradicts it."""
+    result = identified(two_amplitudes, **given)
     assert numbers(result)["verdict"] == 0
-    assert "check delays" in result.message
+    assert words in result.message
 
 
 @pytest.mark.parametrize(

@@ -152,6 +152,8 @@ WIDTH_FORCE_RATIO = 1 - np.exp(-1)
 """Part of the Coulomb force at the width of a virgin curve."""
 MAX_GAIN_ERROR, MAX_MODE_ERROR, MAX_FORCE_ERROR = 0.01, 0.2, 0.03
 """Half-width of the 95 % intervals of k0 (relative), f1 [Hz] and ΣF_m (relative) above which the verdict is not ok."""
+MAX_MASS_RATIO = 1.25
+"""Mass over that of the data sheet, or below it, from which one of both is wrong: motor constants scatter by 10 %."""
 MAX_PLANT_COST = 4.0
 """Mean square of what the plant leaves of P̂, over its errors, above which the verdict is not ok."""
 MAX_SCATTER = 0.01
@@ -306,6 +308,8 @@ class LawReport:
     plant: IdentifiedPlant | None
     known_dead_time: float
     """Dead time before the plant that was known [s], beside the one that was found."""
+    stated_mass: float | None = None
+    """Moving mass of the data sheet [kg]; None if it is not known."""
 
     @property
     def _viscous(self) -> tuple[float, float]:
@@ -391,11 +395,27 @@ class LawReport:
             yield Finding("not identifiable", (stiffness,), place="Coulomb force", remedy="raise the amplitude")
         (fit,) = plant.fit.fits
         errors = NORMAL_QUANTILE * fit.standard_deviation
+        if self.stated_mass:
+            yield from self._mass_doubts(1 / float(fit.values[0]), self.stated_mass)
         if errors[0] > MAX_GAIN_ERROR * fit.values[0]:
             yield f"the rigid-body gain is known to {errors[0] / fit.values[0]:.1%} only; record longer"
         for name, value, error in zip(fit.parameters, fit.values, errors, strict=True):
             if name == "frequencies.0" and error > MAX_MODE_ERROR:
                 yield f"the first mode, {value:.4g} Hz, is known to {error:.2g} Hz only; record more near it"
+
+    def _mass_doubts(self, found: float, stated: float) -> Iterator[Finding]:
+        """Yield what scales the mass so: records that are wrong by a factor contradict nothing but the data sheet."""
+        ratio = found / stated
+        if not 1 / MAX_MASS_RATIO < ratio < MAX_MASS_RATIO:
+            masses = (Quantity(found, "kg", "found"), Quantity(stated, "kg", "stated"))
+            yield Finding(
+                "implausible unit",
+                masses,
+                place="mass",
+                text=f"{ratio:.3g} times the stated one",
+                remedy=f"it is right if the true sample time is {ratio**-0.5:.3g} times the stated one, u "
+                f"{1 / ratio:.3g} times the recorded one (motor constant), or y {ratio:.3g} times (unit, encoder)",
+            )
 
     def _width(self) -> float:
         """Return the displacement [m] at which the virgin curve reaches 1 - 1/e of its force."""

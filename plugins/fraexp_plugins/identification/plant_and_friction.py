@@ -90,6 +90,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=6):
         3e-3,
         above=0,
     )
+    mass: float | None = param("kg", "moving mass of the data sheet, with which k0 is compared", None, above=0)
     validation: int = param("1", "how many of the last segments are predicted instead of fitted", 0, at_least=0)
     validation_tolerance: float = param("1", "validation error that is acceptable", 0.03, above=0)
 
@@ -208,7 +209,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=6):
         fitted = found.response(signals, (self.input, self.output))
         before = (*fitted.findings, *remarks(*found.choice.failed))
         fitted = plant.fit if plant else fitted
-        report = LawReport(found, plant, self.input_dead_time)
+        report = LawReport(found, plant, self.input_dead_time, self.mass)
         doubts, validation = list(remarks(remark, *report.doubts())), []
         if self.validation and plant:
             error = self._validation_error(fresh, found, plant)
