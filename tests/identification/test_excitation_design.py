@@ -5,7 +5,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-from fraexp_plugins.identification._machine_problem import SCALES, FreeParameters, nonzero_numbers
+from fraexp_plugins.identification._law_numbers import nonzero_numbers
+from fraexp_plugins.identification._machine_problem import SCALES, FreeParameters
 from fraexp_plugins.identification._record_fit import RecordFit
 from fraexp_plugins.identification.excitation_design import (
     Plan,

@@ -30,6 +30,7 @@ from fraexp_plugins.identification._law_forces import (
     WholeLaw,
     rolling_elements,
 )
+from fraexp_plugins.identification._law_numbers import Number
 from fraexp_plugins.identification._least_squares import inverse_square, minimise, solve_non_negative
 from fraexp_plugins.identification._usable_records import FORCE_FLOOR
 
@@ -231,14 +232,6 @@ EQUAL_ERROR = 1.01
 the difference takes an element more now and then."""
 
 
-class IdentifiedNumber(NamedTuple):
-    """A number of a law or a term that was identified."""
-
-    name: str
-    unit: str
-    value: float
-
-
 def columns_along(forces: LawForces, record: FrictionRecord) -> NDArray[np.float64]:
     """Return the columns of a law [N] along a record, from the state before it, shape (n, N); 0 if it is not valid."""
     motion = Motion(record.displacement, record.sample_time, False, record.before, record.sample_time)
@@ -346,17 +339,15 @@ class FrictionFit:
         basis, _ = np.linalg.qr(used / np.where(scale > 0, scale, 1.0))
         return np.asarray(basis @ (basis.T @ slopes) - slopes)
 
-    def numbers_at(self, point: NDArray[np.float64]) -> list[IdentifiedNumber]:
+    def numbers_at(self, point: NDArray[np.float64]) -> list[Number]:
         """Return the law's numbers, then the terms, at a shape and coefficients."""
         shape, terms, sizes = self._parts(point)
         of_law = replace(self.forces, shape=shape).numbers(sizes)
-        return [IdentifiedNumber(each.name, each.unit, each.value) for each in of_law] + [
-            IdentifiedNumber(name, TERM_UNITS[name], value)
-            for name, value in zip(self.problem.terms, terms.tolist(), strict=True)
-        ]
+        named = zip(self.problem.terms, terms.tolist(), strict=True)
+        return of_law + [Number(name, value, TERM_UNITS[name]) for name, value in named]
 
     @cached_property
-    def numbers(self) -> list[IdentifiedNumber]:
+    def numbers(self) -> list[Number]:
         """The law's numbers, then the terms."""
         return self.numbers_at(self.point)
 

@@ -19,8 +19,8 @@ from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._law_numbers import (
     EXPONENTS,
     VISCOUS,
-    LawNumber,
     LawNumbers,
+    Number,
     estimated_numbers,
     lists_by_unit,
     rough_model,
@@ -138,9 +138,9 @@ class LawForces(ABC):
         """Return the bounds of the coordinates, shape (S,) each, for thresholds of free elements in a range [m]."""
         return np.full(self.shape.size, -np.inf), np.full(self.shape.size, np.inf)
 
-    def numbers(self, sizes: NDArray[np.float64]) -> list[LawNumber]:
+    def numbers(self, sizes: NDArray[np.float64]) -> list[Number]:
         """Return the law's numbers for columns of these sizes."""
-        return estimated_numbers(self.model(sizes))
+        return [Number(each.name, each.value, each.unit) for each in estimated_numbers(self.model(sizes))]
 
     def refine(self, sizes: NDArray[np.float64]) -> "LawForces":
         """Return elements with finer thresholds around those that have a force, of the same shape."""

@@ -23,26 +23,41 @@ Model = TypeVar("Model", bound=Parameters)
 CHECK_SAMPLES, CHECK_STEP_S = 400, 1e-3
 
 
-class ScaledParameter(NamedTuple):
-    """A number of a friction model."""
+class Number(NamedTuple):
+    """A number of a model, or a term beside it."""
 
     name: str
+    """With dots to parts of the model and to places in a list: `curve.max_knot`, `stiffness.0`."""
     value: float
     unit: str
-    exponents: tuple[int, int]
-    """Powers of the scales of force and deflection."""
+
+    @property
+    def exponents(self) -> tuple[int, int]:
+        """Powers of the scales of force and deflection; none of viscous friction, which is no part of a law."""
+        return (0, 0) if self.name == VISCOUS else EXPONENTS.get(self.unit, (0, 0))
+
+    @property
+    def is_scaled(self) -> bool:
+        """Whether the scales change it."""
+        return any(self.exponents) and self.value != 0
 
 
-def scaled_parameters(model: Parameters, prefix: str = "") -> Iterator[ScaledParameter]:
-    """Yield the numbers of a model, and of its parts, that its scales change."""
-    for name, value, unit in _fields(model):
+def numbers_of(model: Parameters, prefix: str = "") -> Iterator[Number]:
+    """Yield all numbers of a model, and of its parts."""
+    for name, info in type(model).model_fields.items():
+        value = getattr(model, name)
         numbered = {f".{place}": each for place, each in enumerate(value)} if isinstance(value, tuple) else {"": value}
         for place, each in numbered.items():
             path = f"{prefix}{name}{place}"
             if isinstance(each, Parameters):
-                yield from scaled_parameters(each, f"{path}.")
-            elif unit in EXPONENTS and isinstance(each, float) and each:
-                yield ScaledParameter(path, each, unit, EXPONENTS[unit])
+                yield from numbers_of(each, f"{path}.")
+            elif isinstance(each, float):
+                yield Number(path, each, unit_of_field(info))
+
+
+def nonzero_numbers(model: Parameters) -> tuple[str, ...]:
+    """Return the names of all numbers of a model, and of its parts, that are not 0."""
+    return tuple(each.name for each in numbers_of(model) if each.value)
 
 
 def shape_parameters(model: FrictionModel) -> tuple[str, ...]:
@@ -51,7 +66,7 @@ def shape_parameters(model: FrictionModel) -> tuple[str, ...]:
     These are viscous friction, and all numbers but stiffnesses, which the scales change, with the first force and the
     first length. A pure number is one if the law has no value of its own for it.
     """
-    known = list(scaled_parameters(model))
+    known = [each for each in numbers_of(model) if each.is_scaled]
     of_unit = {unit: [each.name for each in known if each.unit == unit] for unit in EXPONENTS}
     viscous = (VISCOUS,) if getattr(model, VISCOUS, 0.0) else ()
     pure = [
@@ -76,12 +91,6 @@ def scaled_friction(model: FrictionModel, scales: tuple[float, float], stroke: f
     return changed if _is_scaled(model, changed, scales, stroke) else None
 
 
-def _fields(model: Parameters) -> Iterator[tuple[str, Any, str]]:
-    """Yield name, value and unit of each parameter; no unit for viscous friction, which is no part of the law."""
-    for name, field in type(model).model_fields.items():
-        yield name, getattr(model, name), "" if name == VISCOUS else unit_of_field(field)
-
-
 def unit_of_field(info: FieldInfo) -> str:
     """Return the unit of a parameter."""
     declared = info.json_schema_extra
@@ -90,7 +99,8 @@ def unit_of_field(info: FieldInfo) -> str:
 
 def _scaled(model: Model, scales: tuple[float, float]) -> Model:
     """Return a model, or a part of one, all of whose numbers change at once: their bounds depend on each other."""
-    values = {name: _scaled_value(value, unit, scales) for name, value, unit in _fields(model)}
+    units = {name: unit_of_field(info) for name, info in type(model).model_fields.items()} | {VISCOUS: ""}
+    values = {name: _scaled_value(getattr(model, name), units[name], scales) for name in type(model).model_fields}
     return type(model).parse(values, getattr(model, "name", "friction"))
 
 

@@ -19,7 +19,6 @@ from fraexp.api import (
     Finding,
     Fit,
     FrequencyResponse,
-    FrictionModel,
     Metric,
     Quantity,
     Result,
@@ -28,7 +27,7 @@ from fraexp.api import (
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
 from fraexp_plugins.estimators._shared.realisations import Part, circular_covariance, combine_parts
 from fraexp_plugins.identification._law_forces import GridElements, virgin_curve
-from fraexp_plugins.identification._law_numbers import unit_of_field
+from fraexp_plugins.identification._law_numbers import numbers_of
 from fraexp_plugins.identification._law_selection import ELEMENT_RANGE, LawChoice
 from fraexp_plugins.identification._line_records import LawSolution
 from fraexp_plugins.identification._modal_model import GROUND
@@ -271,14 +270,14 @@ class FittedLaw:
             places = law.shape.size + end * np.arange(1, len(law.ratios) + 1)
             known = np.insert(np.insert(known, places, 0.0, axis=0), places, 0.0, axis=1)
         model = law.model(sizes, viscous)
-        names, units, values = zip(*_numbers(model), strict=True)
+        names, values, units = zip(*numbers_of(model), strict=True)
         whole, shapes = np.concatenate([law.shape, sizes]), law.shape.size
         steps = DIFFERENCE * np.where(np.arange(whole.size) < shapes, 1.0, whole)
         slopes = np.zeros((len(values), whole.size))
         for place in np.flatnonzero(steps):
             changed = whole + steps * (np.arange(whole.size) == place)
             varied = replace(law, shape=changed[:shapes]).model(changed[shapes:], viscous)
-            slopes[:, place] = (np.array([value for _, _, value in _numbers(varied)]) - values) / steps[place]
+            slopes[:, place] = (np.array([each.value for each in numbers_of(varied)]) - values) / steps[place]
         covariance = slopes @ known @ slopes.T
         if "coulomb_force" in names:  # a sum of elements has none of its own
             own = names.index("coulomb_force")
@@ -288,16 +287,6 @@ class FittedLaw:
         covariance[own], covariance[:, own] = 0.0, 0.0
         covariance[own, own] = viscous_std**2
         return Fit("friction", model.spec(), names, units, np.array(values), covariance)
-
-
-def _numbers(model: FrictionModel) -> Iterator[tuple[str, str, float]]:
-    """Yield name, unit and value of each number of a model."""
-    for name, field in type(model).model_fields.items():
-        value, unit = getattr(model, name), unit_of_field(field)
-        if isinstance(value, tuple):
-            yield from ((f"{name}.{place}", unit, float(each)) for place, each in enumerate(value))
-        elif isinstance(value, float):
-            yield name, unit, value
 
 
 @dataclass(frozen=True)

@@ -22,15 +22,13 @@ from fraexp.api import (
     frequency_text,
 )
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
-from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_unit, parameter_value
 from fraexp_plugins.estimators._shared.realisations import Part, combine_parts, realisation_groups
 from fraexp_plugins.identification._law_numbers import (
-    ScaledParameter,
+    numbers_of,
     scaled_friction,
-    scaled_parameters,
 )
 from fraexp_plugins.identification._likelihood import NoiseLevel, greatest_ratio, interval_loss
-from fraexp_plugins.identification._machine_problem import DEAD_TIME, NOISE, SCALES, MachineProblem, Models
+from fraexp_plugins.identification._machine_problem import NOISE, SCALES, MachineProblem, Models
 from fraexp_plugins.identification._modal_model import parameter_symbol
 from fraexp_plugins.identification._modal_solver import whiteness
 from fraexp_plugins.identification._motion_start import (
@@ -533,12 +531,9 @@ def _values(fit: Fit | None) -> dict[str, tuple[float, float]]:
 
 def _scaled_fit(friction: FrictionModel, free: Sequence[str], covariance: NDArray[np.float64]) -> Fit:
     """Return a friction model with the covariance that its scales and free parameters, given in logarithms, cause."""
-    known = list(scaled_parameters(friction))
-    known += [
-        ScaledParameter(name, parameter_value(friction, name), parameter_unit(friction, name), (0, 0))
-        for name in free
-        if name not in (*SCALES, DEAD_TIME) and name not in [each.name for each in known]
-    ]
+    numbers = list(numbers_of(friction))
+    known = [each for each in numbers if each.is_scaled]
+    known += [each for each in numbers if each.name in free and not each.is_scaled]
     values = np.array([each.value for each in known])
     by_scale = dict(
         zip(SCALES, np.array([each.exponents for each in known], dtype=float).reshape(-1, 2).T, strict=True)

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import FrictionModel, ParameterError, Parameters, Plant, ReplayModel, Signals, did_you_mean
+from fraexp.api import FrictionModel, ParameterError, Plant, ReplayModel, Signals, did_you_mean
 from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_unit, parameter_value, with_parameters
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.none import Frictionless
-from fraexp_plugins.identification._law_numbers import VISCOUS
+from fraexp_plugins.identification._law_numbers import VISCOUS, nonzero_numbers
 
 FORCE_SCALE, DISPLACEMENT_SCALE = "force_scale", "displacement_scale"
 SCALES = (FORCE_SCALE, DISPLACEMENT_SCALE)
@@ -190,20 +190,6 @@ class FreeParameters:
             return start.friction, name
         contact, _, number = name.partition(".")
         return start.replay.frictions[contact], number
-
-
-def nonzero_numbers(model: Parameters, prefix: str = "") -> tuple[str, ...]:
-    """Return the names of all numbers of a plant or a friction model, and of its parts, that are not 0."""
-    names: list[str] = []
-    for name in type(model).model_fields:
-        value = getattr(model, name)
-        parts = {f".{place}": each for place, each in enumerate(value)} if isinstance(value, tuple) else {"": value}
-        for place, each in parts.items():
-            if isinstance(each, Parameters):
-                names += nonzero_numbers(each, f"{prefix}{name}{place}.")
-            elif isinstance(each, float) and each:
-                names.append(f"{prefix}{name}{place}")
-    return tuple(names)
 
 
 @dataclass(frozen=True)

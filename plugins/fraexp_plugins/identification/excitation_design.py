@@ -15,13 +15,11 @@ from fraexp.api import (
     Curve,
     Estimator,
     Fit,
-    FrictionModel,
     Machine,
     Metric,
     Numerics,
     Outcome,
     ParameterError,
-    Plant,
     Quantity,
     RecordError,
     Result,
@@ -35,7 +33,6 @@ from fraexp_plugins.identification._likelihood import LinearRecord, interval_los
 from fraexp_plugins.identification._machine_fit import FitReport
 from fraexp_plugins.identification._machine_problem import (
     DEAD_TIME,
-    FreeParameters,
 )
 from fraexp_plugins.identification._record_fit import RecordFit, State
 from fraexp_plugins.identification.maximum_likelihood import MaximumLikelihood
@@ -378,7 +375,7 @@ class ExcitationDesign(Estimator, name="excitation_design", version=5):
         found = report.result()
         if found.outcome is not Outcome.OK:
             return found.with_findings("no excitation is designed, as the preliminary machine is not known")
-        search = self._search(self._preliminary(report))
+        search = self._search(report)
         uniform, best = search.uniform(), search.best()
         if uniform is None or best is None:
             raise RecordError(
@@ -387,62 +384,54 @@ class ExcitationDesign(Estimator, name="excitation_design", version=5):
             )
         return self._with_plans(found, search, uniform, best)
 
-    def _preliminary(self, report: FitReport) -> "_Preliminary":
-        """Return the machine that was found."""
+    def _search(self, report: FitReport) -> PlanSearch:
+        """Return what can be measured of the machine that was found, and for how long."""
+        known = np.unique(np.concatenate([record.frequency for record in report.found.fit.records])).tolist()
+        frequencies = (*known, *self.extra_frequencies)
+        records = iter(self._plan_records(report, frequencies))
+        choices = [tuple(next(records) for _ in self.amplitudes) for _ in frequencies]
+        allowed = [tuple(each for each in of if self._is_allowed(each)) for of in choices]
+        for frequency, of in zip(frequencies, allowed, strict=True):
+            if not of and frequency in known:
+                raise RecordError(
+                    f"excitation_design: at {frequency:.4g} Hz the machine moves farther than max_stroke, ",
+                    Quantity(self.max_stroke or 0.0, "m"),
+                    ", with every amplitude: add smaller amplitudes",
+                )
+        is_wanted = [frequency in known for frequency in frequencies]
+        kept = [pair for pair in zip(allowed, is_wanted, strict=True) if pair[0]]
+        count = len(report.found.fit.free.friction)
+        return PlanSearch(tuple(of for of, _ in kept), tuple(each for _, each in kept), count, self.measuring_time)
+
+    def _is_allowed(self, record: PlannedRecord) -> bool:
+        return self.max_stroke is None or record.stroke <= self.max_stroke
+
+    def _plan_records(self, report: FitReport, frequencies: Sequence[float]) -> list[PlannedRecord]:
+        """Return what a period of each frequency tells, at each amplitude, of the machine that was found."""
+        assert isinstance(self.method, MaximumLikelihood)
         friction, models = report.found.friction, report.found.models
         if friction is None:
             raise RecordError(
                 "excitation_design: the friction law has no parameters for the scales that were found; free others, or "
                 "take a law such as rolling, Dahl, LuGre or GMS"
             )
-        fit = report.found.fit
-        noise = fit.noise if report.noise is None else report.noise.value
-        frequencies = np.unique(np.concatenate([record.frequency for record in fit.records]))
-        return _Preliminary(
-            models.plant, friction, models.replay.input_path[0], noise, fit.free, tuple(frequencies.tolist()),
-        )  # fmt: skip
-
-    def _search(self, known: "_Preliminary") -> PlanSearch:
-        """Return what can be measured of a machine, and for how long."""
-        frequencies = (*known.frequencies, *self.extra_frequencies)
-        records = iter(self._plan_records(known, frequencies))
-        choices = [tuple(next(records) for _ in self.amplitudes) for _ in frequencies]
-        allowed = [tuple(each for each in of if self._is_allowed(each)) for of in choices]
-        for frequency, of in zip(frequencies, allowed, strict=True):
-            if not of and frequency in known.frequencies:
-                raise RecordError(
-                    f"excitation_design: at {frequency:.4g} Hz the machine moves farther than max_stroke, ",
-                    Quantity(self.max_stroke or 0.0, "m"),
-                    ", with every amplitude: add smaller amplitudes",
-                )
-        is_wanted = [frequency in known.frequencies for frequency in frequencies]
-        kept = [pair for pair in zip(allowed, is_wanted, strict=True) if pair[0]]
-        return PlanSearch(
-            tuple(of for of, _ in kept), tuple(each for _, each in kept), len(known.free.friction), self.measuring_time
-        )
-
-    def _is_allowed(self, record: PlannedRecord) -> bool:
-        return self.max_stroke is None or record.stroke <= self.max_stroke
-
-    def _plan_records(self, known: "_Preliminary", frequencies: Sequence[float]) -> list[PlannedRecord]:
-        """Return what a period of each frequency tells, at each amplitude."""
-        assert isinstance(self.method, MaximumLikelihood)
-        settings = ControlLoop.parse({**self.loop, "noise": known.noise}, "loop")
+        noise = report.found.fit.noise if report.noise is None else report.noise.value
+        settings = ControlLoop.parse({**self.loop, "noise": noise}, "loop")
         sines = SineList(
             frequencies=tuple(np.repeat(frequencies, len(self.amplitudes)).tolist()),
             amplitudes=tuple(np.tile(self.amplitudes, len(frequencies)).tolist()),
         )
         sines.check(settings.sample_time)
-        machine = Machine(known.plant, known.friction, self.controller, settings, Numerics())
+        machine = Machine(models.plant, friction, self.controller, settings, Numerics())
         signals = simulate_loop(machine, sines, lambda _: None)
         if len(signals.segments) < len(sines.frequencies):
             raise RecordError(
                 f"excitation_design: the preliminary machine diverges in its loop ({signals.message}): lower the "
                 "amplitudes, or correct controller and loop"
             )
-        method = self.method.model_copy(update={"input_dead_time": known.dead_time})
-        fit = RecordFit.around(method.problem(signals, known.noise, known.friction), known.plant)
-        return planned_records(replace(fit, free=known.free), sines.amplitudes)
+        method = self.method.model_copy(update={"input_dead_time": models.replay.input_path[0]})
+        fit = RecordFit.around(method.problem(signals, noise, friction), models.plant)
+        return planned_records(replace(fit, free=report.found.fit.free), sines.amplitudes)
 
     def _with_plans(self, found: Result, search: PlanSearch, uniform: Plan, designed: Plan) -> Result:
         gain = np.exp(search.criterion(designed) - search.criterion(uniform))
@@ -469,21 +458,6 @@ class ExcitationDesign(Estimator, name="excitation_design", version=5):
             curves=(_plan_curve(UNIFORM, uniform), _plan_curve(DESIGNED, designed), *found.curves),
             fits=(*found.fits, fit),
         )
-
-
-class _Preliminary(NamedTuple):
-    """A machine that is known preliminarily."""
-
-    plant: Plant
-    friction: FrictionModel
-    dead_time: float
-    """Before the thrust [s]."""
-    noise: float
-    """[m]"""
-    free: FreeParameters
-    """What is to be estimated of it."""
-    frequencies: tuple[float, ...]
-    """[Hz]"""
 
 
 class _PlannedParameter(NamedTuple):
