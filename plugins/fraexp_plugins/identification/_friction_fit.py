@@ -31,7 +31,7 @@ from fraexp_plugins.identification._law_forces import (
     rolling_elements,
 )
 from fraexp_plugins.identification._law_numbers import Number
-from fraexp_plugins.identification._least_squares import inverse_square, minimise, solve_non_negative
+from fraexp_plugins.identification._least_squares import derivatives, inverse_square, minimise, solve_non_negative
 from fraexp_plugins.identification._usable_records import FORCE_FLOOR
 
 LAG_WINDOW = 5.0
@@ -435,12 +435,8 @@ class FrictionFit:
     @cached_property
     def number_slopes(self) -> NDArray[np.float64]:
         """Derivatives of the numbers by shape and coefficients, shape (numbers, q + p)."""
-        here, columns = np.array([each.value for each in self.numbers]), []
-        for place, value in enumerate(self.point.tolist()):
-            step = DIFFERENCE * max(abs(value), 1.0)
-            moved = self.numbers_at(self.point + step * (np.arange(self.point.size) == place))
-            columns.append((np.array([each.value for each in moved]) - here) / step)
-        return np.array(columns).T
+        steps = DIFFERENCE * np.maximum(np.abs(self.point), 1.0)
+        return derivatives(lambda at: np.array([each.value for each in self.numbers_at(at)]), self.point, steps)
 
     @property
     def quantile(self) -> float:

@@ -242,6 +242,14 @@ class GridElements(LawForces):
             changes[name] = tuple(np.bincount(owner, table[unit])[acts].tolist())
         return _changed(relaxation, changes)
 
+    def beside_spring(
+        self, sizes: NDArray[np.float64], stiffness: float, swing: float
+    ) -> tuple["GridElements", NDArray[np.float64]]:
+        """Return the elements with a spring [N/m], as one that slips beyond a motion [m], and sizes with its force."""
+        rows = sizes.reshape(len(self.ratios), -1)
+        force = np.where(np.arange(len(rows)) == 0, stiffness * swing, 0.0)
+        return replace(self, thresholds=np.append(self.thresholds, swing)), np.column_stack([rows, force]).ravel()
+
     def refine(self, sizes: NDArray[np.float64]) -> "GridElements":
         """Return elements with finer thresholds around those that have a force, of the same shape."""
         forces = self.element_forces(sizes)

@@ -19,6 +19,7 @@ from fraexp.api import (
     Finding,
     Fit,
     FrequencyResponse,
+    FrictionModel,
     Metric,
     Quantity,
     Result,
@@ -29,6 +30,7 @@ from fraexp_plugins.estimators._shared.realisations import Part, circular_covari
 from fraexp_plugins.identification._law_forces import GridElements, virgin_curve
 from fraexp_plugins.identification._law_numbers import numbers_of
 from fraexp_plugins.identification._law_selection import ELEMENT_RANGE, LawChoice
+from fraexp_plugins.identification._least_squares import derivatives
 from fraexp_plugins.identification._line_records import LawSolution
 from fraexp_plugins.identification._modal_model import GROUND
 from fraexp_plugins.identification._modal_solver import Solution
@@ -262,23 +264,20 @@ class FittedLaw:
         of the Coulomb force is than the one that follows so: errors of a law, as those by the encoder's steps, are not
         independent, and the covariance of records that are says too little of all parameters.
         """
-        law, sizes, known = self.choice.best.law, self.forces, self.choice.covariance
-        if spring and isinstance(law, GridElements):
-            swing, end = self.choice.records.swing, law.thresholds.size
-            law, sizes = replace(law, thresholds=np.append(law.thresholds, swing)), sizes.reshape(len(law.ratios), -1)
-            sizes = np.insert(sizes, end, np.eye(len(sizes))[0] * spring * swing, axis=1).ravel()
-            places = law.shape.size + end * np.arange(1, len(law.ratios) + 1)
-            known = np.insert(np.insert(known, places, 0.0, axis=0), places, 0.0, axis=1)
-        model = law.model(sizes, viscous)
+        law, whole = self.choice.best.law, np.concatenate([self.choice.best.law.shape, self.forces])
+
+        def model_at(point: NDArray[np.float64]) -> FrictionModel:
+            shape, sizes = np.split(point, [law.shape.size])
+            moved = replace(law, shape=shape)
+            if spring and isinstance(moved, GridElements):
+                moved, sizes = moved.beside_spring(sizes, spring, self.choice.records.swing)
+            return moved.model(sizes, viscous)
+
+        model = model_at(whole)
         names, values, units = zip(*numbers_of(model), strict=True)
-        whole, shapes = np.concatenate([law.shape, sizes]), law.shape.size
-        steps = DIFFERENCE * np.where(np.arange(whole.size) < shapes, 1.0, whole)
-        slopes = np.zeros((len(values), whole.size))
-        for place in np.flatnonzero(steps):
-            changed = whole + steps * (np.arange(whole.size) == place)
-            varied = replace(law, shape=changed[:shapes]).model(changed[shapes:], viscous)
-            slopes[:, place] = (np.array([each.value for each in numbers_of(varied)]) - values) / steps[place]
-        covariance = slopes @ known @ slopes.T
+        steps = DIFFERENCE * np.where(np.arange(whole.size) < law.shape.size, 1.0, whole)
+        slopes = derivatives(lambda at: np.array([each.value for each in numbers_of(model_at(at))]), whole, steps)
+        covariance = slopes @ self.choice.covariance @ slopes.T
         if "coulomb_force" in names:  # a sum of elements has none of its own
             own = names.index("coulomb_force")
             whole_variance = (self.coulomb_error / NORMAL_QUANTILE) ** 2

@@ -81,3 +81,14 @@ def minimise(
     settings = {"x_scale": "jac", "ftol": ROUNDING, "xtol": ROUNDING, "gtol": None, **known, **options}
     found = least_squares(residuals, np.clip(start, *bounds), bounds=bounds, max_nfev=evaluations, **settings)
     return found.x, bool(found.status > 0)
+
+
+def derivatives(function: Residuals, point: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the derivatives of a function by its p parameters, shape (values, p), by differences of these steps.
+
+    They are 0 for a step of 0, and where the function is infinite, as no model has the parameters.
+    """
+    here = function(point)
+    moved = [function(point + row) - here if row.any() else np.zeros(here.size) for row in np.diag(steps)]
+    found = np.array(moved).reshape(-1, here.size).T / np.where(steps == 0, 1.0, steps)
+    return np.where(np.isfinite(found), found, 0.0)

@@ -46,15 +46,16 @@ class Loss(NamedTuple):
     """[1/m²], shape (n,)."""
 
 
-def interval_loss(residual: NDArray[np.float64], resolution: float, std: float) -> Loss:
+def interval_loss(residual: NDArray[np.float64], resolution: float, std: NDArray[np.float64] | float) -> Loss:
     """Return the loss of samples that were rounded to steps of `resolution` [m] after noise of `std` [m].
 
-    `residual` is the rounded sample less the position [m], shape (n,). The likelihood of a sample is
-    Φ((r + q/2)/σ) - Φ((r - q/2)/σ): that of Gaussian noise for q = 0, a box for σ = 0. It is log-concave.
+    `residual` is the rounded sample less the position [m], shape (n,); `std` is one for all, or of that shape. The
+    likelihood of a sample is Φ((r + q/2)/σ) - Φ((r - q/2)/σ): that of Gaussian noise for q = 0, a box for σ = 0. It is
+    log-concave.
     """
     if not resolution:
         scaled = residual / std
-        return Loss(0.5 * scaled**2, scaled / std, np.full(residual.shape, 1 / std**2))
+        return Loss(0.5 * scaled**2, scaled / std, np.broadcast_to(1 / std**2, residual.shape))
     # Both ends on the left tail, where Φ and its logarithm are exact.
     upper = (-np.abs(residual) + resolution / 2) / std
     lower = (-np.abs(residual) - resolution / 2) / std
@@ -70,10 +71,11 @@ def _log_difference(upper: NDArray[np.float64], lower: NDArray[np.float64]) -> N
     """Return ln(Φ(upper) - Φ(lower)); logarithms of Φ take several times as long, and are needed far out only."""
     from scipy.special import log_ndtr, ndtr  # slow to import: listing plugins must stay fast
 
-    if upper.min(initial=0.0) > FAR_OUT:
-        return np.asarray(np.log(np.maximum(ndtr(upper) - ndtr(lower), 1e-300)))
-    log_upper = log_ndtr(upper)
-    return np.asarray(log_upper + np.log1p(-np.exp(np.minimum(log_ndtr(lower) - log_upper, -1e-300))))
+    found, far = np.log(np.maximum(ndtr(upper) - ndtr(lower), 1e-300)), upper <= FAR_OUT
+    if far.any():
+        log_upper, log_lower = log_ndtr(upper[far]), log_ndtr(lower[far])
+        found[far] = log_upper + np.log1p(-np.exp(np.minimum(log_lower - log_upper, -1e-300)))
+    return np.asarray(found)
 
 
 class LinearRecord(NamedTuple):
@@ -203,12 +205,15 @@ class _Problem(NamedTuple):
     is_shared_free: bool
 
     def evaluate(self, shared: NDArray[np.float64], own: Sequence[NDArray[np.float64]]) -> _Point:
-        losses, total = [], 0.5 * float(np.sum((shared / self.shared_radius) ** 2))
-        for record, values, radius in zip(self.records, own, self.own_radius, strict=True):
-            residual = record.residual - record.shared @ shared - record.own @ values
-            losses.append(interval_loss(residual, record.resolution, record.std))
-            total += float(losses[-1].value.sum()) + 0.5 * float(np.sum((values / radius) ** 2))
-        return _Point(shared, own, losses, total)
+        pairs = list(zip(self.records, own, strict=True))
+        residuals = [record.residual - record.shared @ shared - record.own @ values for record, values in pairs]
+        sizes = [residual.size for residual in residuals]
+        stds = np.repeat([record.std for record in self.records], sizes)
+        every = interval_loss(np.concatenate(residuals), self.records[0].resolution, stds)  # at once, as each is short
+        parts = zip(*(np.split(each, np.cumsum(sizes)[:-1]) for each in every), strict=True)
+        ratios = [values / radius for values, radius in zip(own, self.own_radius, strict=True)]
+        held = sum(float(np.sum(each**2)) for each in (shared / self.shared_radius, *ratios))
+        return _Point(shared, own, [Loss(*each) for each in parts], float(every.value.sum()) + 0.5 * held)
 
     def blocks(self, point: _Point) -> list[_Blocks]:
         parts = zip(self.records, point.losses, point.own, self.own_radius, strict=True)

@@ -27,7 +27,7 @@ from fraexp_plugins.identification._law_numbers import (
     numbers_of,
     scaled_friction,
 )
-from fraexp_plugins.identification._likelihood import NoiseLevel, greatest_ratio, interval_loss
+from fraexp_plugins.identification._likelihood import NoiseLevel, greatest_ratio, likely_noise
 from fraexp_plugins.identification._machine_problem import NOISE, SCALES, MachineProblem, Models
 from fraexp_plugins.identification._modal_model import parameter_symbol
 from fraexp_plugins.identification._modal_solver import whiteness
@@ -180,22 +180,22 @@ class Fitted:
         return self.fit.mean_ratio(self.linear)
 
     @property
+    def log_likelihood(self) -> float:
+        """Log-likelihood per sample, with the noise that suits the records best."""
+        return likely_noise(self.linear.records, float(self.fit.freedom.sum())).log_likelihood
+
+    def criterion(self, parameters: int) -> float:
+        """Return the Bayesian information criterion, of which the least is best, for so many parameters.
+
+        (G. Schwarz, Annals of Statistics 6(2), 1978.)
+        """
+        samples = sum(record.residual.size for record in self.linear.records)
+        return parameters * float(np.log(samples)) - 2 * samples * self.log_likelihood
+
+    @property
     def explains(self) -> bool:
         """Whether it leaves of all records together no more than noise and rounding."""
         return self.mean_ratio <= float(greatest_ratio(float(self.fit.freedom.sum())))
-
-
-def evidence(fit: Fitted, other: Fitted) -> float:
-    """Return by how much records speak for a fit and against one with more parameters (Bayesian information criterion).
-
-    Both are to the same records; noise is as the other one has it.
-    """
-    loss, samples = 0.0, 0
-    for each, record in zip(fit.linear.records, other.linear.records, strict=True):
-        for residual, sign in ((each.residual, 1), (record.residual, -1)):
-            loss += sign * float(interval_loss(residual, record.resolution, record.std).value.sum())
-        samples += record.residual.size
-    return 0.5 * (other.state.shared.size - fit.state.shared.size) * float(np.log(samples)) - loss
 
 
 def along_directions(found: Fitted) -> Fitted:
@@ -336,7 +336,8 @@ def _without_untold_modes(problem: MachineProblem, joint: Fitted) -> Fitted:
     logs = joint.state.shared[: len(problem.free.names)]
     plant, _ = MotionRecords.of(problem).plant(joint.models, count - 1, FRICTION_ERRORS[0])
     simpler = _converged(problem, replace(joint.fit, start=joint.fit.start.with_plant(plant)), logs)
-    return _without_untold_modes(problem, simpler) if evidence(simpler, joint) > 0 else joint
+    is_better = simpler.criterion(simpler.state.shared.size) < joint.criterion(joint.state.shared.size)
+    return _without_untold_modes(problem, simpler) if is_better else joint
 
 
 def _converged(problem: MachineProblem, fit: RecordFit, shared: NDArray[np.float64], gives_up: bool = True) -> Fitted:

@@ -34,6 +34,7 @@ from fraexp_plugins.friction._shared.element_model import ElementModel, VirginCu
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._law_numbers import VISCOUS, rough_model
+from fraexp_plugins.identification._least_squares import derivatives, minimise
 from fraexp_plugins.identification._likelihood import greatest_variance_ratio
 from fraexp_plugins.identification._machine_problem import (
     DEAD_TIME,
@@ -80,6 +81,7 @@ class MotionRecords:
         self.thrust = np.concatenate([each.mean(axis=0) for each in bare.linear_phasors(self._segments)])
         self.output = np.concatenate([phasors(s, bare.output).mean(axis=0) for s in self._segments])
         self._factor = bare.force_factor(self._omega)
+        self._driven: tuple[object, NDArray[np.complex128]] = None, np.empty(0, dtype=complex)
         self._periods = [len(segment.channels[bare.output]) for segment in self._segments]
         counts = [segment.lines.size for segment in self._segments]
         amplitudes = [np.sqrt(2 * np.mean(segment.channels[bare.input] ** 2)) for segment in self._segments]
@@ -99,14 +101,17 @@ class MotionRecords:
         return self._omega.size
 
     def law_force(self, law: FrictionModel, scales: tuple[float, float] = (1.0, 1.0)) -> NDArray[np.complex128]:
-        """Return the force of a law [N] at all lines, without viscous friction, shape (n,)."""
-        force_scale, displacement_scale = scales
+        """Return the force of a law [N] at all lines, without viscous friction, shape (n,); the last one is kept."""
+        key, (force_scale, displacement_scale) = (repr(law), scales), scales
+        if self._driven[0] == key:
+            return self._driven[1]
         forces = law.forces([_scaled_motion(motion, displacement_scale) for motion in self._motions])
         sums = [
             fourier_sums(force.reshape(periods, -1), segment.lines).mean(axis=0)
             for force, segment, periods in zip(forces, self._segments, self._periods, strict=True)
         ]
-        return np.asarray(force_scale * self._factor * np.concatenate(sums))
+        self._driven = key, np.asarray(force_scale * self._factor * np.concatenate(sums))
+        return self._driven[1]
 
     def viscous_force(self, law: FrictionModel) -> NDArray[np.complex128]:
         """Return the viscous force of a law [N] at all lines, shape (n,)."""
@@ -430,14 +435,11 @@ class _Search:
 
     def minimum(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the parameters around these ones with the smallest residual."""
-        from scipy.optimize import least_squares  # slow to import: only when something is estimated
-
         size = self.free.limit(np.full(logs.size, np.inf))
-        found = least_squares(
-            self._weighted, logs, jac=self._jacobian, bounds=(-size, size), x_scale="jac",
-            max_nfev=MAX_ITERATIONS,
-        )  # fmt: skip
-        return np.asarray(found.x)
+        steps = np.full(logs.size, COARSE_DIFFERENCE)
+        return minimise(
+            self._weighted, logs, (-size, size), MAX_ITERATIONS, lambda at: derivatives(self._weighted, at, steps)
+        )[0]
 
     def residual(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what the parameters leave of the records, shape (2 n,)."""
@@ -452,33 +454,11 @@ class _Search:
             left = np.full(2 * self.records.lines, np.inf)
         return np.concatenate([left, self._known @ (logs - np.pad(self.start, (0, logs.size - self.start.size)))])
 
-    def _jacobian(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
-        models = self.free.applied_to(self.models, logs)
-        forces = self.records.forces(models)
-        residual = self.records.residual(forces, models.plant)
-        return np.concatenate([-self._gradient(logs, forces, residual), self._known])
-
     @property
     def _known(self) -> NDArray[np.float64]:
         """Rows that hold friction's parameters but the dead time, shape (p, p + plant)."""
         weights = [0.0 if name == DEAD_TIME else 1 / START_LOG_STD for name in self.free.friction]
         return np.pad(np.diag(weights), ((0, 0), (0, len(self.free.plant))))
-
-    def _gradient(
-        self, logs: NDArray[np.float64], forces: NDArray[np.complex128], residual: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the derivatives of what the model explains, shape (2 n, p + plant); the plant's need no forces."""
-        columns = []
-        for place in range(logs.size):
-            is_friction = place < len(self.free.friction)
-            try:
-                models = self.free.applied_to(self.models, logs + COARSE_DIFFERENCE * (np.arange(logs.size) == place))
-            except ParameterError:
-                columns.append(np.zeros(residual.size))
-                continue
-            changed = self.records.residual(self.records.forces(models) if is_friction else forces, models.plant)
-            columns.append((residual - changed) / COARSE_DIFFERENCE)
-        return np.stack(columns, axis=1)
 
 
 def fits_along_motion(problem: MachineProblem) -> list[MotionFit]:

@@ -230,9 +230,6 @@ class RecordFit:
         every = np.eye(record.count)
         return every if self.has_own_forces else every[record.forces :]
 
-    def _own_forces(self, record: ReplayedRecord) -> int:
-        return record.forces if self.has_own_forces else 0
-
     def _positions(self, states: Sequence[State]) -> list[list[NDArray[np.float64]]]:
         """Return the periodic position [m] of each record, for each state; NaN where no model has its parameters."""
         models = [self._model_at(state.shared) for state in states]

@@ -321,17 +321,10 @@ class LawCandidate:
         return mean if np.isfinite(mean) else np.inf
 
     @property
-    def log_likelihood(self) -> float:
-        """Log-likelihood per sample of the records to which it was fitted, with the noise that suits them best."""
-        assert self.found is not None
-        return likely_noise(self.found.linear.records, float(self.found.fit.freedom.sum())).log_likelihood
-
-    @property
     def criterion(self) -> float:
-        """Bayesian information criterion, of which the least is best (G. Schwarz, Annals of Statistics 6(2), 1978)."""
+        """Bayesian information criterion of friction's parameters."""
         assert self.found is not None
-        samples = sum(record.residual.size for record in self.found.linear.records)
-        return self.free * float(np.log(samples)) - 2 * samples * self.log_likelihood
+        return self.found.criterion(self.free)
 
     @property
     def fits(self) -> bool:
@@ -441,7 +434,7 @@ def _table(pairs: Sequence[tuple[str, LawCandidate]]) -> Iterator[Metric]:
             yield Metric(f"{label}: residual along the motion", trial.motion_residual, "1")
         if trial.found:
             yield Metric(f"{label}: held-out residual", trial.ratio, "1")
-            yield Metric(f"{label}: log-likelihood", trial.log_likelihood, "1")
+            yield Metric(f"{label}: log-likelihood", trial.found.log_likelihood, "1")
 
 
 def _coulomb_force(result: Result) -> Iterator[Metric]:
