@@ -272,11 +272,13 @@ def _plan_cuts(
     if len(ways) != 1:
         raise missing_period_error(ways, channel[slice(*runs[0][1])], rate, path.name)
     if ways[0] in ("samples_per_period", "period_time"):
-        return [
-            _periodic_cut(settings, values, rate, name, place, run)
-            for place, whole in runs
-            for run in split_realisations(settings, rate, whole, place)
-        ]
+        cuts = []
+        for place, whole in runs:
+            for run in split_realisations(settings, rate, whole, place):
+                cut = periodic_cut(settings, rate, run, place)
+                check_repeats(cut, channel[: run[1]], rate, name, place)
+                cuts.append(select_lines(settings, cut, values, place))
+        return cuts
     if settings.select or settings.segment_column:
         raise RecordError(f"{path.name}: {ways[0]} already defines the segments; leave out select and segment_column")
     if settings.segments:
@@ -291,16 +293,3 @@ def _plan_cuts(
     cuts = step_cuts(settings, steps, rate, channel.size, path.name)
     check_step_frequencies(cuts, channel, rate, name, path.name)
     return cuts
-
-
-def _periodic_cut(
-    settings: RecordSettings,
-    values: Mapping[str, NDArray[np.float64]],
-    rate: float,
-    name: str,
-    place: str,
-    run: tuple[int, int],
-) -> Cut:
-    cut = periodic_cut(settings, rate, run, place)
-    check_repeats(cut, values[name][: run[1]], rate, name, place)
-    return select_lines(settings, cut, values, place)
