@@ -96,16 +96,6 @@ def metric_rows(key: str, metrics: Iterable[Metric]) -> list[RowValues]:
     ]
 
 
-def parse_metric(row: TableRow) -> Metric:
-    """Return the metric in a row."""
-    return check_types(Metric(row["name"], row["value"], row["unit"]))
-
-
-def curve_rows(key: str, curves: Iterable[Curve]) -> list[RowValues]:
-    """Return a row for each curve."""
-    return [{"key": key, "position": position, "name": item.name} for position, item in enumerate(curves)]
-
-
 def column_rows(key: str, curves: Iterable[Curve]) -> list[RowValues]:
     """Return a row for each column of each curve."""
     return [
@@ -173,7 +163,7 @@ def result_rows(key: str, result: Result) -> dict[str, list[RowValues]]:
     return {
         "frequency_response": response_rows(key, result.response),
         "metric": metric_rows(key, result.metrics),
-        "curve": curve_rows(key, result.curves),
+        "curve": [{"key": key, "position": at, "name": curve.name} for at, curve in enumerate(result.curves)],
         "curve_column": column_rows(key, result.curves),
         "fit": fit_rows(key, result.fits),
     }
@@ -186,7 +176,7 @@ def parse_result(state: TableRow, rows: Mapping[str, Sequence[TableRow]]) -> Res
         Outcome[state["outcome"]],
         parse_findings(state["findings"]),
         next((parse_response(row) for row in rows.get("frequency_response", ())), None),
-        tuple(parse_metric(row) for row in rows.get("metric", ())),
+        tuple(check_types(Metric(row["name"], row["value"], row["unit"])) for row in rows.get("metric", ())),
         tuple(
             parse_curve(row["name"], [column for column in columns if column["curve"] == row["position"]])
             for row in rows.get("curve", ())
