@@ -3,8 +3,10 @@
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from fraexp.data.results import FrequencyResponse, Result
-from fraexp.figures.result_files import json_value, optional_arrays
+from fraexp.figures.result_files import json_value
 from fraexp.store import RunSummary, StoredSweep
 from fraexp.views.fields import remedy_text
 
@@ -44,18 +46,11 @@ def sweep_document(sweep: StoredSweep, result: Result | None, points: bool = Tru
 
 def response_document(response: FrequencyResponse) -> dict[str, Any]:
     """Return a response as columns of numbers, complex ones as real and imaginary part."""
-    columns = {
-        "frequency": response.frequency,
-        "real": response.response.real,
-        "imaginary": response.response.imag,
-        "covariance": response.covariance,
-        "input_amplitude": response.input_amplitude,
-        "output_amplitude": response.output_amplitude,
-        "settled": response.settled,
-        "settling_time": response.settling_time,
-        "residual": response.residual,
-        "harmonics_real": response.harmonics.real,
-        "harmonics_imaginary": response.harmonics.imag,
-        **optional_arrays(response),
-    }
-    return {"unit": response.unit, "input": response.input, "output": response.output, **json_value(columns)}
+    columns: dict[str, Any] = {}
+    for name, values in vars(response).items():
+        if np.iscomplexobj(values):
+            prefix = "" if name == "response" else f"{name}_"
+            columns |= {f"{prefix}real": values.real, f"{prefix}imaginary": values.imag}
+        elif values is not None:
+            columns[name] = values
+    return {name: json_value(values) for name, values in columns.items()}
