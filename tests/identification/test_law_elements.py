@@ -14,7 +14,8 @@ from fraexp_plugins.friction.lugre import LuGre
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._law_forces import LawForces, columns_of, rolling_elements, unit_law
-from fraexp_plugins.identification._law_selection import LawChoice, LawFit, LawSelection
+from fraexp_plugins.identification._law_report import LawChoice, LawFit
+from fraexp_plugins.identification._law_selection import LawSelection
 from fraexp_plugins.identification._line_records import periodic_motion, remove_drift
 from fraexp_plugins.identification.plant_and_friction import PlantAndFriction
 

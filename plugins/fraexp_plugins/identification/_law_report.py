@@ -27,11 +27,10 @@ from fraexp.api import (
 )
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
 from fraexp_plugins.estimators._shared.realisations import Part, circular_covariance, combine_parts
-from fraexp_plugins.identification._law_forces import GridElements, virgin_curve
+from fraexp_plugins.identification._law_forces import GridElements, LawForces, virgin_curve
 from fraexp_plugins.identification._law_numbers import numbers_of
-from fraexp_plugins.identification._law_selection import ELEMENT_RANGE, LawChoice
 from fraexp_plugins.identification._least_squares import derivatives
-from fraexp_plugins.identification._line_records import LawSolution
+from fraexp_plugins.identification._line_records import LawSolution, LineRecords
 from fraexp_plugins.identification._modal_model import GROUND
 from fraexp_plugins.identification._modal_solver import Solution
 from fraexp_plugins.identification.modal_fit import ModalFit
@@ -165,19 +164,79 @@ MAX_FALL = 3.0
 """Standard deviations of a negative viscous coefficient above which friction falls with velocity."""
 
 
-@dataclass(frozen=True)
-class FittedLaw:
-    """The forces of the chosen law with a dead time, and 1/P̂ beside them at each excited line."""
+GOOD, ACCEPTABLE = 1.5, 2.0
+"""Residual over its allowance from which on no other law is tried, and up to which a law explains the records."""
+NOISE_ALLOWANCE = 6.0
+"""Factor on the part of the residual that noise explains by way of friction."""
+ELEMENT_RANGE = (1e-5, 0.9)
+"""Range of thresholds over the largest motion, and that of a virgin curve."""
 
-    choice: LawChoice
-    deflection: NDArray[np.complex128]
-    """Phasors of each column [N/N], complex, shape (L, M, N)."""
+
+@dataclass(frozen=True, eq=False)
+class LawFit:
+    """A law that was fitted to records."""
+
+    law: LawForces
+    dead_time: float
+    """Dead time that goes with it, in addition to that of the observer [s]."""
+    residual: float
+    """Root mean square of the residuals of all records over what is allowed for."""
+    sizes: NDArray[np.float64]
+    """Force of each column [N], shape (N,); empty for a hopeless law, which only the search has seen."""
+    allowance: float = 0.0
+    """The residual that noise explains by way of friction."""
+
+    @property
+    def coulomb(self) -> float:
+        """Force in gross sliding [N]."""
+        return float(self.sizes[self.law.is_coulomb].sum())
+
+    @property
+    def is_good(self) -> bool:
+        """Whether no other law can do better."""
+        return self.residual**2 <= GOOD**2 + self.allowance**2
+
+    @property
+    def explains(self) -> bool:
+        """Whether noise and rounding explain what the law leaves."""
+        return self.residual**2 <= ACCEPTABLE**2 + NOISE_ALLOWANCE * self.allowance**2
+
+
+@dataclass(frozen=True)
+class LawChoice:
+    """The law that explains the records best, with a dead time, and 1/P̂ beside its forces at each excited line."""
+
+    best: LawFit
+    covariance: NDArray[np.float64]
+    """Covariance of its shape and then of its sizes, shape (S + N, S + N)."""
+    interval: tuple[float, float]
+    """95 % interval of the Coulomb force [N]: that of all laws that are as good."""
+    records: LineRecords
+    residuals: dict[str, float]
+    """Residual of each law that was tried."""
     dead_time: float
     """Dead time in addition to that of the observer [s]."""
+    failed: tuple[str, ...] = ()
+    """Which laws are left out, and why."""
+
+    @property
+    def _deflection(self) -> NDArray[np.complex128]:
+        """Phasors of each column [N/N], complex, shape (L, M, N)."""
+        return self.records.deflection(self.best.law)
+
+    def doubt(self) -> str:
+        """Return why no law is to be believed; empty if there is one."""
+        if self.best.explains:
+            return ""
+        left = ", ".join(f"{name} {residual:.3g}" for name, residual in self.residuals.items())
+        return (
+            f"no friction law explains the records; residual over what is allowed for: {left}, expected "
+            f"{ACCEPTABLE:g}: check delays and gains, or friction depends on the position, or is of another kind"
+        )
 
     @cached_property
     def _solution(self) -> LawSolution:
-        return self.choice.records.solve(self.choice.best.law, self.deflection, self.dead_time)
+        return self.records.solve(self.best.law, self._deflection, self.dead_time)
 
     @property
     def forces(self) -> NDArray[np.float64]:
@@ -187,20 +246,20 @@ class FittedLaw:
     @property
     def coulomb(self) -> float:
         """Force in gross sliding [N]."""
-        return float(self.forces[self.choice.best.law.is_coulomb].sum())
+        return float(self.forces[self.best.law.is_coulomb].sum())
 
     @property
     def coulomb_error(self) -> float:
         """Distance from the force in gross sliding to the farther end of its 95 % interval [N]."""
-        low, high = self.choice.interval
+        low, high = self.interval
         return max(high - self.coulomb, self.coulomb - low)
 
     @cached_property
     def inverse(self) -> InverseResponse:
         """1/P̂ with its errors, at the excited lines."""
-        records, problem, law = self.choice.records, self._solution.problem, self.choice.best.law
+        records, problem, law = self.records, self._solution.problem, self.best.law
         excess = max(float(np.sum(self._solution.residual**2)) / records.equations, 1.0)
-        errors = square_root(self.choice.covariance[law.shape.size :, law.shape.size :])
+        errors = square_root(self.covariance[law.shape.size :, law.shape.size :])
         at = records.is_excited
         noise = excess / problem.power[at]
         return InverseResponse(records.frequency[at], self._solution.inverse[at], noise, problem.slopes[at] @ errors)
@@ -208,7 +267,7 @@ class FittedLaw:
     @cached_property
     def effective(self) -> NDArray[np.complex128]:
         """Thrust without friction [N], complex, shape (L, M)."""
-        return self.choice.records.delayed(self.dead_time) - self.deflection @ self.forces
+        return self.records.delayed(self.dead_time) - self._deflection @ self.forces
 
     def scatter(self, thrust: NDArray[np.complex128]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return how far the records of each excited line differ in P̂ by a thrust [N], and what noise explains.
@@ -216,7 +275,7 @@ class FittedLaw:
         Both are relative and weighted as P̂ is, shape (L,): a record in which friction balances nearly all of the thrust
         shows little of the plant, and counts as little. Of one record it is what noise explains.
         """
-        records, at = self.choice.records, self.choice.records.is_excited
+        records, at = self.records, self.records.is_excited
         weight = np.where(records.known, 1 / records.variance, 0.0)[at]
         u, y, count = thrust[at], records.motion[at], records.known[at].sum(axis=1)
         power = np.sum(weight * np.abs(y) ** 2, axis=1)
@@ -227,7 +286,7 @@ class FittedLaw:
 
     def response(self, signals: Signals, channels: tuple[str, str]) -> Result:
         """Return P̂ between control input and position [m/N], before linear forces are removed."""
-        records = self.choice.records
+        records = self.records
         values, noise = 1 / self.inverse.values, self.inverse.noise
         band, count = circular_covariance(np.abs(values) ** 4 * noise), records.known.sum(axis=1)
         at, known = records.is_excited, records.known
@@ -251,9 +310,9 @@ class FittedLaw:
 
     def virgin_curve(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the force [N] of a first slow displacement x [m] and its standard deviation, shape (n,) each."""
-        law = self.choice.best.law
+        law = self.best.law
         columns, shape = law.virgin_columns(x), law.shape.size
-        variance = np.einsum("ij,jk,ik->i", columns, self.choice.covariance[shape:, shape:], columns)
+        variance = np.einsum("ij,jk,ik->i", columns, self.covariance[shape:, shape:], columns)
         return columns @ self.forces, np.sqrt(np.maximum(variance, 0.0))
 
     def friction(self, viscous: float, viscous_std: float, spring: float) -> Fit:
@@ -264,20 +323,20 @@ class FittedLaw:
         of the Coulomb force is than the one that follows so: errors of a law, as those by the encoder's steps, are not
         independent, and the covariance of records that are says too little of all parameters.
         """
-        law, whole = self.choice.best.law, np.concatenate([self.choice.best.law.shape, self.forces])
+        law, whole = self.best.law, np.concatenate([self.best.law.shape, self.forces])
 
         def model_at(point: NDArray[np.float64]) -> FrictionModel:
             shape, sizes = np.split(point, [law.shape.size])
             moved = replace(law, shape=shape)
             if spring and isinstance(moved, GridElements):
-                moved, sizes = moved.beside_spring(sizes, spring, self.choice.records.swing)
+                moved, sizes = moved.beside_spring(sizes, spring, self.records.swing)
             return moved.model(sizes, viscous)
 
         model = model_at(whole)
         names, values, units = zip(*numbers_of(model), strict=True)
         steps = DIFFERENCE * np.where(np.arange(whole.size) < law.shape.size, 1.0, whole)
         slopes = derivatives(lambda at: np.array([each.value for each in numbers_of(model_at(at))]), whole, steps)
-        covariance = slopes @ self.choice.covariance @ slopes.T
+        covariance = slopes @ self.covariance @ slopes.T
         if "coulomb_force" in names:  # a sum of elements has none of its own
             own = names.index("coulomb_force")
             whole_variance = (self.coulomb_error / NORMAL_QUANTILE) ** 2
@@ -292,7 +351,7 @@ class FittedLaw:
 class LawReport:
     """What a fit says of friction and plant, and how far it is to be believed."""
 
-    found: FittedLaw
+    found: LawChoice
     plant: IdentifiedPlant | None
     known_dead_time: float
     """Dead time before the plant that was known [s], beside the one that was found."""
@@ -307,18 +366,18 @@ class LawReport:
     @cached_property
     def scatters(self) -> dict[str, NDArray[np.float64]]:
         """Relative scatter of P̂ over the records with and without friction, and what noise explains, shape (L,)."""
-        before, _ = self.found.scatter(self.found.choice.records.delayed(self.found.dead_time))
+        before, _ = self.found.scatter(self.found.records.delayed(self.found.dead_time))
         after, floor = self.found.scatter(self.found.effective)
         return {"scatter before": before, "scatter after": after, "noise floor": floor}
 
     def metrics(self) -> Iterator[Metric]:
         """Yield the numbers of friction and of the agreement of the records."""
-        found, best = self.found, self.found.choice.best
+        found, best = self.found, self.found.best
         yield Metric("friction law", float(best.explains), "1")
         yield Metric("Coulomb force", found.coulomb, "N")
         yield Metric("Coulomb force, 95 %", found.coulomb_error, "N")
         yield Metric("width at 63 %", self._width(), "m")
-        yield Metric("greatest velocity", found.choice.records.speed, "m/s")
+        yield Metric("greatest velocity", found.records.speed, "m/s")
         yield Metric("viscous coefficient", self._viscous[0], "N s/m")
         yield Metric("viscous coefficient, 95 %", NORMAL_QUANTILE * self._viscous[1], "N s/m")
         yield Metric("input_dead_time", self.known_dead_time + found.dead_time, "s")
@@ -332,7 +391,7 @@ class LawReport:
         order = np.argsort(frequency, kind="stable")
         columns = {"frequency": frequency[order], **{name: each[order] for name, each in self.scatters.items()}}
         agreement = Curve("agreement of the records", columns, dict.fromkeys(columns, "1") | {"frequency": "Hz"})
-        x = self.found.choice.records.swing * np.geomspace(*ELEMENT_RANGE, CURVE_POINTS)
+        x = self.found.records.swing * np.geomspace(*ELEMENT_RANGE, CURVE_POINTS)
         return virgin_curve(x, *self.found.virgin_curve(x)), agreement
 
     def friction(self) -> Fit:
@@ -341,12 +400,12 @@ class LawReport:
 
     def summary(self) -> Finding:
         """Return the law."""
-        speed = Quantity(self.found.choice.records.speed, "m/s", "velocities up to")
-        return Finding("remark", (speed,), text=f"friction is that of {self.found.choice.best.law.name}")
+        speed = Quantity(self.found.records.speed, "m/s", "velocities up to")
+        return Finding("remark", (speed,), text=f"friction is that of {self.found.best.law.name}")
 
     def doubts(self) -> Iterator[Finding | str]:
         """Yield reasons not to believe plant or friction."""
-        yield from filter(None, (self.found.choice.doubt(),))
+        yield from filter(None, (self.found.doubt(),))
         scatter = float(np.median(self.scatters["scatter after"]))
         if self.plant:
             yield from self._plant_doubts(self.plant)
@@ -357,7 +416,7 @@ class LawReport:
             )
         force, error = self.found.coulomb, self.found.coulomb_error
         if not error <= MAX_FORCE_ERROR * force:
-            low, high = self.found.choice.interval
+            low, high = self.found.interval
             yield Finding(
                 "not identifiable",
                 (Quantity(force, "N", "found"), Quantity(low, "N", "may be any from"), Quantity(high, "N", "to")),
@@ -407,6 +466,6 @@ class LawReport:
 
     def _width(self) -> float:
         """Return the displacement [m] at which the virgin curve reaches 1 - 1/e of its force."""
-        x = np.append(0.0, self.found.choice.records.swing * np.geomspace(*ELEMENT_RANGE, CURVE_POINTS))
+        x = np.append(0.0, self.found.records.swing * np.geomspace(*ELEMENT_RANGE, CURVE_POINTS))
         force = np.append(0.0, self.found.virgin_curve(x[1:])[0])
         return float(np.interp(WIDTH_FORCE_RATIO * force[-1], force, x))

@@ -1,7 +1,7 @@
 """Which friction law explains records at several amplitudes, with the interval of its Coulomb force."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import product
 from typing import NamedTuple
@@ -26,6 +26,7 @@ from fraexp_plugins.friction.elastoplastic import Elastoplastic
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.friction.lugre import LuGre
 from fraexp_plugins.identification._law_forces import Law, LawForces, columns_of, rolling_elements, unit_law
+from fraexp_plugins.identification._law_report import ELEMENT_RANGE, GOOD, LawChoice, LawFit
 from fraexp_plugins.identification._least_squares import HeldSum, inverse_square, minimise, solve_non_negative
 from fraexp_plugins.identification._line_records import LawSolution, LineRecords, some_frequencies
 
@@ -280,8 +281,6 @@ SEARCH_STEP, SEARCH_OVERSAMPLING = 3, 2
 """Every third frequency is taken in the search for a law, and that many points per sample; all of them judge it."""
 FAST_LAWS, SLOW_LAWS = (Dahl, LuGre, Elastoplastic), (GeneralizedMaxwellSlip,)
 """Other laws that fraexp has, the cheapest first: those of elements come after a user's own."""
-ELEMENT_RANGE = (1e-5, 0.9)
-"""Range of thresholds over the largest motion, and that of a virgin curve."""
 START_WIDTH, START_EXCESS = 4e-3, 0.2
 """Width over the motion, and static over Coulomb force, less 1, of a law at its start."""
 THRESHOLD_COUNTS = 80, 40
@@ -295,10 +294,6 @@ START_RATES_S = (10.0, 60.0)
 """Rates of attraction over the Coulomb force [1/s] at which a search begins."""
 START_DEAD_TIMES = (0.5, 1.5, 3.0, 5.0)
 """Dead times at which a search may begin [samples]."""
-GOOD, ACCEPTABLE = 1.5, 2.0
-"""Residual over its allowance from which on no other law is tried, and up to which a law explains the records."""
-NOISE_ALLOWANCE = 6.0
-"""Factor on the part of the residual that noise explains by way of friction."""
 HOPELESS_RATIO = 2.0
 """Residual in a search over that of the best law from which a law is not looked at any further."""
 EQUAL_RATIO = 1.3
@@ -306,62 +301,6 @@ EQUAL_RATIO = 1.3
 NARROW_RANGES, NARROW_RATIO = (0.05, 0.2), 1.15
 """Widths over the largest motion beyond which a law may have no elements, and residual without these over that with
 them up to which they are left out."""
-
-
-@dataclass(frozen=True, eq=False)
-class LawFit:
-    """A law that was fitted to records."""
-
-    law: LawForces
-    dead_time: float
-    """Dead time that goes with it, in addition to that of the observer [s]."""
-    residual: float
-    """Root mean square of the residuals of all records over what is allowed for."""
-    sizes: NDArray[np.float64]
-    """Force of each column [N], shape (N,); empty for a hopeless law, which only the search has seen."""
-    allowance: float = 0.0
-    """The residual that noise explains by way of friction."""
-
-    @property
-    def coulomb(self) -> float:
-        """Force in gross sliding [N]."""
-        return float(self.sizes[self.law.is_coulomb].sum())
-
-    @property
-    def is_good(self) -> bool:
-        """Whether no other law can do better."""
-        return self.residual**2 <= GOOD**2 + self.allowance**2
-
-    @property
-    def explains(self) -> bool:
-        """Whether noise and rounding explain what the law leaves."""
-        return self.residual**2 <= ACCEPTABLE**2 + NOISE_ALLOWANCE * self.allowance**2
-
-
-@dataclass(frozen=True)
-class LawChoice:
-    """The law that explains the records best."""
-
-    best: LawFit
-    covariance: NDArray[np.float64]
-    """Covariance of its shape and then of its sizes, shape (S + N, S + N)."""
-    interval: tuple[float, float]
-    """95 % interval of the Coulomb force [N]: that of all laws that are as good."""
-    records: LineRecords
-    residuals: dict[str, float]
-    """Residual of each law that was tried."""
-    failed: tuple[str, ...]
-    """Which laws are left out, and why."""
-
-    def doubt(self) -> str:
-        """Return why no law is to be believed; empty if there is one."""
-        if self.best.explains:
-            return ""
-        left = ", ".join(f"{name} {residual:.3g}" for name, residual in self.residuals.items())
-        return (
-            f"no friction law explains the records; residual over what is allowed for: {left}, expected "
-            f"{ACCEPTABLE:g}: check delays and gains, or friction depends on the position, or is of another kind"
-        )
 
 
 class LawSelection:
@@ -427,7 +366,9 @@ class LawSelection:
             intervals.append(profile_interval(profiles[best], fits[best].dead_time, significant_deviation()))
         interval = min(low for low, _ in intervals), max(high for _, high in intervals)
         tried = {fit.law.name: fit.residual for fit in fits}
-        return LawChoice(chosen, doubt.covariance, interval, self._records, tried, tuple(self._failed))
+        return LawChoice(
+            chosen, doubt.covariance, interval, self._records, tried, chosen.dead_time, tuple(self._failed)
+        )
 
     def _uncertainty(self, fit: LawFit, is_any: bool) -> LawUncertainty:
         if fit not in self._doubts:

@@ -11,7 +11,7 @@ from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.identification._law_forces import unit_law
-from fraexp_plugins.identification._law_report import FittedLaw, IdentifiedPlant, LawReport, identify_plant
+from fraexp_plugins.identification._law_report import IdentifiedPlant, LawChoice, LawReport, identify_plant
 from fraexp_plugins.identification._law_selection import LawSelection
 from fraexp_plugins.identification._line_records import LineRecords, remove_drift
 from fraexp_plugins.identification._usable_records import FORCE_FLOOR, usable_signals
@@ -117,7 +117,8 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=6):
         count = len(signals.segments) - self.validation
         fresh = replace(signals, segments=signals.segments[count:])
         used = usable_signals(replace(signals, segments=signals.segments[:count]), self.output, self.name)
-        found = self._fitted(used)
+        selection = LawSelection(used, self._observer(), self.model_error, self.estimate_dead_time)
+        found = selection.choose((*self.laws, *self.starts), self.law == "any")
         self._check(found)
         found = self._with_dead_time(used, found) if self.estimate_dead_time else found
         remark, plant = "", None
@@ -141,15 +142,9 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=6):
             model_error=self.plant_model_error,
         )
 
-    def _fitted(self, signals: Signals) -> FittedLaw:
-        """Return the fit of the law with the smallest residual."""
-        selection = LawSelection(signals, self._observer(), self.model_error, self.estimate_dead_time)
-        choice = selection.choose((*self.laws, *self.starts), self.law == "any")
-        return FittedLaw(choice, choice.records.deflection(choice.best.law), choice.best.dead_time)
-
-    def _check(self, found: FittedLaw) -> None:
+    def _check(self, found: LawChoice) -> None:
         """Raise RecordError if the records differ by noise only, or not as friction makes them differ."""
-        before, explained = map(np.median, found.scatter(found.choice.records.delayed(found.dead_time)))
+        before, explained = map(np.median, found.scatter(found.records.delayed(found.dead_time)))
         if before >= MIN_SCATTER_RATIO * explained and found.forces.any():
             return
         remedy = "use amplitudes a factor of 2 apart; if that does not help there is no friction to identify"
@@ -162,7 +157,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=6):
             f"{explained:.2g}; {remedy}"
         )
 
-    def _with_dead_time(self, signals: Signals, found: FittedLaw) -> FittedLaw:
+    def _with_dead_time(self, signals: Signals, found: LawChoice) -> LawChoice:
         """Return the fit with the dead time that is left in P̂ no more; that of the law if no plant fits."""
         modal, start = self._modal(dead_time=None), found
         for _ in range(MAX_DEAD_TIME_STEPS):
@@ -175,7 +170,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=6):
                 break
         return found
 
-    def _plant(self, signals: Signals, found: FittedLaw, modal: ModalFit) -> IdentifiedPlant:
+    def _plant(self, signals: Signals, found: LawChoice, modal: ModalFit) -> IdentifiedPlant:
         """Return the plant in P̂ at the frequencies at which the records agree; RecordError if there is none."""
         scatter, _ = found.scatter(found.effective)
         response = found.response(signals, (self.input, self.output)).response
@@ -189,7 +184,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=6):
         with np.errstate(all="ignore"):  # where nothing is identifiable
             return identify_plant(found.inverse, usable, modal)
 
-    def _validation_error(self, fresh: Signals, found: FittedLaw, plant: IdentifiedPlant) -> float:
+    def _validation_error(self, fresh: Signals, found: LawChoice, plant: IdentifiedPlant) -> float:
         """Return the part of the thrust in fresh records that plant and friction do not explain."""
         records = LineRecords.of(fresh, self._observer(), self.model_error)
         (fit,) = plant.fit.fits
@@ -197,17 +192,17 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=6):
         ground = {"viscous_coefficient": max(plant.viscous, 0.0), "ground_stiffness": max(plant.spring, 0.0)}
         modal = Modal.parse({**spec, **ground}, "plant")
         thrust = records.delayed(found.dead_time)
-        left = thrust - records.deflection(found.choice.best.law) @ found.forces
+        left = thrust - records.deflection(found.best.law) @ found.forces
         left -= records.motion / modal.response(2 * np.pi * records.frequency)[:, None]
         at = records.known & records.is_excited[:, None]
         return float(np.sqrt(np.sum(np.abs(left[at]) ** 2) / np.sum(np.abs(thrust[at]) ** 2)))
 
     def _result(
-        self, signals: Signals, fresh: Signals, found: FittedLaw, plant: IdentifiedPlant | None, remark: str
+        self, signals: Signals, fresh: Signals, found: LawChoice, plant: IdentifiedPlant | None, remark: str
     ) -> Result:
         """Return all that was found, with the verdict."""
         fitted = found.response(signals, (self.input, self.output))
-        before = (*fitted.findings, *remarks(*found.choice.failed))
+        before = (*fitted.findings, *remarks(*found.failed))
         fitted = plant.fit if plant else fitted
         report = LawReport(found, plant, self.input_dead_time, self.mass)
         doubts, validation = list(remarks(remark, *report.doubts())), []
