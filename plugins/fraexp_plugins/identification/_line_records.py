@@ -98,6 +98,8 @@ class LineRecords:
     """What drives friction in each segment."""
     deviations: NDArray[np.float64]
     """Standard deviation of the mean position of each segment [m], shape (segments,)."""
+    force_factor: NDArray[np.complex128]
+    """Factor from the force of friction to that in the thrust, by lags of the position behind it, shape (L,)."""
     variance: NDArray[np.float64]
     """E|e|² of G U - F - Y/P [N²], shape (L, M)."""
     free_lines: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
@@ -133,7 +135,7 @@ class LineRecords:
         # rounding repeats itself from period to period, noise does not
         deviations = np.hypot(observer.noise / np.sqrt(periods), observer.resolution / np.sqrt(12))
         fields = own, groups, observer.delays, frequency, excited, thrust, motion, known, motions, deviations
-        bare = cls(*fields, variance=np.ones(known.shape))
+        bare = cls(*fields, observer.force_factor(2 * np.pi * frequency), variance=np.ones(known.shape))
         return replace(bare, variance=bare._bare_variance(observer, model_error))
 
     def _bare_variance(self, observer: EffectiveInput, model_error: float) -> NDArray[np.float64]:
@@ -220,7 +222,7 @@ class LineRecords:
         while part := list(islice(columns, COLUMNS_AT_ONCE)):
             for place, (rows, record) in self.places():
                 sums = fourier_sums(np.stack([column[place] for column in part]), self.signals.segments[place].lines)
-                found[rows, record, begin : begin + len(part)] = sums.T
+                found[rows, record, begin : begin + len(part)] = (sums * self.force_factor[rows]).T
             begin += len(part)
         return found
 
@@ -228,7 +230,8 @@ class LineRecords:
         """Return the phasors of a model's force [N], complex, shape (L, M)."""
         found, forces = np.zeros(self.thrust.shape, dtype=complex), model.forces(motions or self.motions)
         for place, (rows, record) in self.places():
-            found[rows, record] = fourier_sums(forces[place][None], self.signals.segments[place].lines)[0]
+            sums = fourier_sums(forces[place][None], self.signals.segments[place].lines)[0]
+            found[rows, record] = sums * self.force_factor[rows]
         return found
 
     def delayed(self, dead_time: float) -> NDArray[np.complex128]:
