@@ -141,7 +141,7 @@ def identification_study(
     data["title"] = f"Plant and friction of {', '.join(file.name for file in request.files)}"
     if name == PLANT:
         method = data.pop("estimator")
-        fit = {"name": PLANT, "fit_ground": True, "method": method}
+        fit = {"name": PLANT, "method": method}
         return {**data, "case": [{"label": RESPONSE, "estimator": method}, {"label": PLANT, "estimator": fit}]}
     files = data["record"]["file"]
     if look.levels == 1 or isinstance(files, str):

@@ -117,11 +117,13 @@ def test_viscous_friction_and_a_spring_to_ground(modes, noise):
     assert first == pytest.approx(np.sqrt(3e3 * plant.rigid_body_gain) / (2 * np.pi), rel=0.03)
 
 
-def test_ground_that_is_not_there_is_left_out_and_one_that_is_missing_is_named():
+def test_ground_that_is_not_there_is_left_out_and_one_that_is_there_is_found():
     none = fitted(measured(PLANTS["rigid body"], seed=1), modes=0, fit_ground=True)
     assert none.fits[0].component["ground_stiffness"] == 0
+    held = measured(PLANTS["rigid body"].model_copy(update={"ground_stiffness": 300.0}), noise=0.0)
+    assert fitted(held).fits[0].component["ground_stiffness"] == pytest.approx(300.0, rel=1e-6)
     with pytest.raises(RecordError, match="fit_ground if a spring or viscous friction holds the mass"):
-        fitted(measured(PLANTS["rigid body"].model_copy(update={"ground_stiffness": 300.0}), noise=0.0))
+        fitted(held, fit_ground=False)
 
 
 def test_what_is_noisy_counts_little():

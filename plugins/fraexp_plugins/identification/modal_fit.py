@@ -44,6 +44,7 @@ from fraexp_plugins.identification._modal_solver import (
     chosen_order,
     count_text,
     fit_of_order,
+    information_criterion,
     low_ground,
     mode_limit,
     unsupported_parts,
@@ -125,7 +126,8 @@ def _with_intervals(solution: Solution, pairs_of: PairsOf) -> NDArray[np.float64
         found = pairs_of(model, moved)
         nearest = found[np.abs(found[:, :1] - pairs[:, 0]).argmin(axis=0)]
         log_model = model.log_response(moved, 2j * np.pi * nearest[:, 0])
-        return np.column_stack([np.log(nearest), log_model.real])
+        positive = np.maximum(nearest, np.finfo(float).tiny)  # of a damping ratio that may vanish
+        return np.column_stack([np.log(positive), log_model.real])
 
     is_known = (pairs[:, 0] >= model.min_frequency) & (pairs[:, 0] <= model.max_frequency)
     is_known &= (pairs[:, 1] > 0) & (pairs[:, 1] < MAX_PEAK_DAMPING)
@@ -156,6 +158,12 @@ INTERVAL_ADVICE = (
 )
 
 
+HELD = (
+    "a spring or viscous friction holds the mass (ground_stiffness, viscous_coefficient); friction looks alike at one "
+    "amplitude"
+)
+
+
 class CheckedFit(NamedTuple):
     """A fit, and what it leaves out."""
 
@@ -170,7 +178,7 @@ def _size_in_stds(solution: Solution, name: str) -> float:
     return float(solution.p[place] / np.sqrt(solution.covariance[place, place]))
 
 
-class ModalFit(Estimator, name="modal_fit", version=8):
+class ModalFit(Estimator, name="modal_fit", version=9):
     """P_d(s) e^{-Ls} of the paper's eq (1), fitted to the response of `method`: rigid body, modes and dead time.
 
     Minimises Σ w_k |ln(G_m(jω_k)/Ĝ_k)|², the weighted logarithmic residual (J. D. Sidman, F. E. DeAngelis and
@@ -202,8 +210,9 @@ class ModalFit(Estimator, name="modal_fit", version=8):
     may vanish without a few points. The message names the modes that were dropped. Residuals that are correlated with
     their neighbours count as fewer in the covariance and in the criterion.
 
-    With `fit_ground` a viscous force D v and a spring K y act on the mass in addition, which move together with the
-    measured position: G = e^{-Ls}/(1/P + D s + K), which is 1/(M s² + D s + K) for a mass without modes.
+    With `fit_ground`, or where a free body does not explain the response, a viscous force D v and a spring K y act on
+    the mass in addition, which move together with the measured position: G = e^{-Ls}/(1/P + D s + K), which is
+    1/(M s² + D s + K) for a mass without modes.
 
     Do not use it if the response is biased by friction, unless to show that bias: the fit follows the response, not
     the plant.
@@ -226,8 +235,11 @@ class ModalFit(Estimator, name="modal_fit", version=8):
         "Hz", "upper limit of the frequency range of the fit; none if it is not given", None, above=0
     )
     dead_time: float | None = param("s", "fixed dead time L; estimated if it is not given", None)
-    fit_ground: bool = param(
-        "", "whether viscous friction and a significant spring between mass and ground are fitted too", False
+    fit_ground: bool | None = param(
+        "",
+        "whether viscous friction and a significant spring between mass and ground are fitted too; if not given, it is "
+        "chosen together with the number of modes, where that is not given either",
+        None,
     )
     quantity: Literal["complex", "magnitude"] = param(
         "", "quantity that is fitted: complex, or magnitude, which has no dead time", "complex"
@@ -285,8 +297,30 @@ class ModalFit(Estimator, name="modal_fit", version=8):
 
     def fit_response(self, response: FrequencyResponse) -> Result:
         """Return a response with the plant that is fitted to it; RecordError if there is none."""
-        found = self.solve(response)
+        found = self._free_or_held(response)
         return self.report(found.solution, found.causes, response)
+
+    def _free_or_held(self, response: FrequencyResponse) -> CheckedFit:
+        """Return the fit of a free body, or if that does not explain the response and is less likely, of a held one."""
+        try:
+            free = self.solve(response)
+            if self.fit_ground is not None or self.modes is not None or not next(_remarks(free.solution), None):
+                return free
+        except RecordError as error:
+            if self.fit_ground is not None or self.modes is not None:
+                raise
+            free, refusal = None, error
+        try:
+            held = self.model_copy(update={"fit_ground": True}).solve(response)
+        except RecordError:
+            held = None
+        if free is not None and (
+            held is None or information_criterion(free.solution) <= information_criterion(held.solution)
+        ):
+            return free
+        if held is None or not held.solution.model.ground:
+            raise refusal
+        return held._replace(causes=(*held.causes, HELD))
 
     def report(self, solution: Solution, causes: tuple[str, ...], response: FrequencyResponse) -> Result:
         """Return a response with the plant of a solution."""
@@ -386,7 +420,7 @@ class ModalFit(Estimator, name="modal_fit", version=8):
 
     @property
     def _ground_advice(self) -> str:
-        return "" if self.fit_ground else ", or fit_ground if a spring or viscous friction holds the mass"
+        return "" if self.fit_ground is not False else ", or fit_ground if a spring or viscous friction holds the mass"
 
     def _fit(self, solution: Solution, unit: str) -> Fit:
         """Return the plant with the covariance of its parameters; that of a fixed dead time is 0."""
