@@ -28,8 +28,8 @@ SI_UNITS[True] = {"y": ("rad", "an angle"), "u": ("N m", "a torque")}
 """Unit and quantity of the two channels that are compared with limits, by whether the axis is rotary."""
 REST_S, MAX_RESTS = 0.5, 8
 """Time for which nothing is played before anything is, and how many times it is if the axis still drifts."""
-PAUSE_S = 0.01
-"""Time between a play and the silence after it [s]: a machine still reads signs of life of the play that has ended."""
+PAUSE_S = 0.02
+"""Time before a play [s]: a machine may still read signs of life of the one that has just ended."""
 PACE_RATIO = 1.2
 """Samples over those that the clock counts meanwhile, or below them, from which a sample time is doubted."""
 DRIVE_OFF = "the drive was switched off"
@@ -110,7 +110,6 @@ class WatchedMachine:
         silence = PlayRequest(0, np.zeros(max(round(REST_S / self.description.sample_time), 1)), 1)
         self.fault = None
         for _ in range(MAX_RESTS if self.description.is_live else 1):
-            time.sleep(PAUSE_S)
             for chunk in self._paced_chunks(silence):
                 self._end_play(watch.look(chunk))
             self._raise_fault()
@@ -154,6 +153,7 @@ class WatchedMachine:
         ConnectionLostError if samples are missing: a machine ends a play early when it is stopped, and by nothing else.
         """
         count, self._is_stopped = 0, False
+        time.sleep(PAUSE_S if self.description.is_live else 0.0)
         for chunk in self._session.play(replace(request, waveform=request.waveform / self._factors["u"])):
             if chunk.start != count:
                 raise ConnectionLostError(f"samples {count} to {chunk.start} are missing")
