@@ -150,14 +150,17 @@ class WatchedMachine:
     def _chunks(self, request: PlayRequest) -> Iterator[Chunk]:
         """Play, and yield what is recorded, in SI units and without gaps.
 
-        ConnectionLostError if samples are missing: a machine ends a play early when it is stopped, and by nothing else.
+        ConnectionLostError if samples are missing or come twice: a machine ends a play early when it is stopped, and by
+        nothing else.
         """
         count, self._is_stopped = 0, False
         time.sleep(PAUSE_S if self.description.is_live else 0.0)
         for chunk in self._session.play(replace(request, waveform=request.waveform / self._factors["u"])):
-            if chunk.start != count:
-                raise ConnectionLostError(f"samples {count} to {chunk.start} are missing")
-            count += chunk.size
+            end = chunk.start + chunk.size
+            if chunk.start != count or end > request.samples:
+                expected = f"expected those from {count} on, of {request.samples} in all"
+                raise ConnectionLostError(f"the machine sent samples {chunk.start} to {end}; {expected}")
+            count = end
             scaled = {name: factor * chunk.channels[name] for name, factor in self._factors.items()}
             yield replace(chunk, channels={**chunk.channels, **scaled})
         if count < request.samples and not self._is_stopped:

@@ -76,6 +76,7 @@ def _shorter(self, request, play=Session.play):
 
 Session.play = _shorter
 """
+SENT_TWICE = CUT_SHORT.replace("return", "yield chunk")
 Serve = Callable[[str, str], tuple[int, Path]]
 
 
@@ -142,11 +143,12 @@ def test_where_a_drive_cannot_be_switched_off_the_user_is_told_to(serve: Serve, 
         list(service.measure())
 
 
-def test_a_play_that_ends_early_is_no_standstill(serve: Serve, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("fault", "names"), [(CUT_SHORT, ["2000 of 48100"]), (SENT_TWICE, ["2000 to 2020", 2020])])
+def test_samples_of_a_play_are_counted(serve: Serve, tmp_path: Path, fault: str, names: list[object]) -> None:
     """While the first sine is below friction the axis stands; what is missing of it says nothing of the limits."""
     port, _ = serve("a_linmot", "")
-    service = AutonomousService(workspace_of_axis(tmp_path, port, CUT_SHORT), "axis")
-    with refused(ConnectionLostError, "2000 of 48100"):
+    service = AutonomousService(workspace_of_axis(tmp_path, port, fault), "axis")
+    with refused(ConnectionLostError, *names):
         list(service.measure())
 
 
