@@ -27,6 +27,7 @@ from fraexp.api import (
 )
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
 from fraexp_plugins.estimators._shared.realisations import Part, circular_covariance, combine_parts
+from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.identification._law_forces import GridElements, LawForces, virgin_curve
 from fraexp_plugins.identification._law_numbers import numbers_of
 from fraexp_plugins.identification._least_squares import derivatives
@@ -244,6 +245,14 @@ class LawChoice:
         return self._solution.sizes
 
     @property
+    def amplitude_ratio(self) -> float:
+        """Greatest over least thrust of the records at an excited line, in the median over the lines."""
+        records, at = self.records, self.records.is_excited
+        known, thrust = records.known[at], np.abs(records.thrust[at])
+        least = np.where(known, thrust, np.inf).min(axis=1)
+        return float(np.median(np.where(known, thrust, 0.0).max(axis=1) / least))
+
+    @property
     def coulomb(self) -> float:
         """Force in gross sliding [N]."""
         return float(self.forces[self.best.law.is_coulomb].sum())
@@ -332,6 +341,10 @@ class LawChoice:
                 moved, sizes = moved.beside_spring(sizes, spring, self.records.swing)
             return moved.model(sizes, viscous)
 
+        if not (self.forces.any() or spring):
+            frictionless = Frictionless(viscous_coefficient=viscous).spec()
+            variance, value = np.array([[viscous_std**2]]), np.array([viscous])
+            return Fit("friction", frictionless, ("viscous_coefficient",), ("N s/m",), value, variance)
         model = model_at(whole)
         names, values, units = zip(*numbers_of(model), strict=True)
         steps = DIFFERENCE * np.where(np.arange(whole.size) < law.shape.size, 1.0, whole)
@@ -401,7 +414,10 @@ class LawReport:
     def summary(self) -> Finding:
         """Return the law."""
         speed = Quantity(self.found.records.speed, "m/s", "velocities up to")
-        return Finding("remark", (speed,), text=f"friction is that of {self.found.best.law.name}")
+        text = "there is no friction but perhaps a viscous one"
+        if self.found.forces.any():
+            text = f"friction is that of {self.found.best.law.name}"
+        return Finding("remark", (speed,), text=text)
 
     def doubts(self) -> Iterator[Finding | str]:
         """Yield reasons not to believe plant or friction."""
@@ -415,7 +431,9 @@ class LawReport:
                 f"their plant; expected {MAX_SCATTER:.0%} or less: record longer"
             )
         force, error = self.found.coulomb, self.found.coulomb_error
-        if not error <= MAX_FORCE_ERROR * force:
+        # a friction that is little of the thrust has to be known as a part of it: it may be none
+        thrust = float(np.abs(self.found.records.thrust).max())
+        if not error <= MAX_FORCE_ERROR * max(force, MAX_FORCE_ERROR * thrust):
             low, high = self.found.interval
             yield Finding(
                 "not identifiable",
