@@ -1,17 +1,24 @@
 """Published numbers of a stored run's study beside those of its sweeps, and the title of its figure."""
 
 import math
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from fraexp.data.identity import key_of
 from fraexp.data.results import Result
 from fraexp.errors import FraexpError
 from fraexp.store import RunSummary, Store, StoredSweep
 from fraexp.study.published_values import ORIGINS, Candidate, PublishedComparison, PublishedNumber, half_widths
 from fraexp.study.study_file import ResolvedStudy, describe_study, find_studies
+
+UNUSUAL_CHARACTERS = re.compile(r"[^\w.=+-]+")
+"""What the name of a file does not contain."""
+MAX_CHANGES_LENGTH = 100
+"""Maximum characters of what a command has set in the name of a file."""
 
 
 def compare_published(
@@ -89,11 +96,23 @@ def run_title(study: str, title: str, command: str) -> str:
 
     `title` describes the study's file; after ``--set`` it may speak of another grid.
     """
+    changes = [change.replace("=", " = ", 1) for change in _changes(command)]
+    return f"{study} with {', '.join(changes)}" if changes else title or study
+
+
+def figure_name(study: str, command: str) -> str:
+    """Return the name of a run's figure: that of its study, and what the command has set, which is another figure."""
+    text = UNUSUAL_CHARACTERS.sub("_", " ".join(_changes(command))).strip("_")
+    if len(text) > MAX_CHANGES_LENGTH:
+        text = f"{text[:MAX_CHANGES_LENGTH]}-{key_of(text)[-8:]}"
+    return f"{study}_{text}.png" if text else f"{study}.png"
+
+
+def _changes(command: str) -> list[str]:
+    """Return the values of a study that a command has set."""
     try:
         words = shlex.split(command)
     except ValueError:  # a run of another program
-        words = []
+        return []
     joined = [word.removeprefix("--set=") for word in words if word.startswith("--set=")]
-    apart = [after for word, after in pairwise(words) if word == "--set"]
-    changes = [change.replace("=", " = ", 1) for change in (*joined, *apart)]
-    return f"{study} with {', '.join(changes)}" if changes else title or study
+    return [*joined, *(after for word, after in pairwise(words) if word == "--set")]

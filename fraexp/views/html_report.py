@@ -12,7 +12,7 @@ from fraexp.data.atomic_file import atomic_file
 from fraexp.data.sweep import Plain
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError, StudyError
-from fraexp.reports.published_comparisons import compare_published, read_study, run_title, verdict
+from fraexp.reports.published_comparisons import compare_published, figure_name, read_study, run_title, verdict
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
 from fraexp.study.published_values import ORIGINS, PublishedComparison
 from fraexp.study.study_file import ResolvedStudy, find_studies
@@ -130,7 +130,10 @@ def gather_chapter(workspace: WorkspaceService, store: Store, number: int, figur
     study, notes = read_study(run, folder)
     compared = compare_published(study.published, sweeps, results)
     try:
-        file, heading = figure_folder / f"{study.name}.png", run_title(run.study, study.title, run.command)
+        file, heading = (
+            figure_folder / figure_name(study.name, run.command),
+            run_title(run.study, study.title, run.command),
+        )
         figures = list(workspace.figures.draw(store, sweeps, file, heading, study.figure))
     except FraexpError as error:
         figures, notes = [], [*notes, f"no figure: {error}"]

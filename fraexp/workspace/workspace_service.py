@@ -19,7 +19,7 @@ from fraexp.execution.executors import ResourceLimits
 from fraexp.execution.scheduler import RunOptions
 from fraexp.records.first_look import Choice, RecordLook, choose, identification_study, look_at
 from fraexp.records.study_writer import ImportRequest, is_same_study, study_data, write_study
-from fraexp.reports.published_comparisons import run_title
+from fraexp.reports.published_comparisons import figure_name, run_title
 from fraexp.reports.stored_figures import StoredFigures
 from fraexp.store import RunSummary, Store, StoredSweep
 from fraexp.study.catalogue import StudyEntry, catalogue
@@ -261,12 +261,13 @@ class WorkspaceService(WorkspaceFolder):
             return replace(ended, note=f"{type(error).__name__}: {error}")
 
     def _draw_figures(self, study: ResolvedStudy, store: Store, run: int | None) -> dict[Path, bool]:
-        path = self.folder / "figures" / f"{study.name}.png"
+        command = store.run(run).command if run is not None else ""
+        path = self.folder / "figures" / figure_name(study.name, command)
         if not path.parent.resolve().is_relative_to(
             self.folder.resolve()
         ):  # a workspace from elsewhere may contain links
             raise FraexpError(f"{path}: a link leads outside of the workspace; draw the figure with 'fraexp plot'")
         stored = {sweep.key: sweep for sweep in store.sweeps(run)} if run is not None else {}
         sweeps = [replace(stored[sweep.key], labels=dict(sweep.labels)) for sweep in study.sweeps]
-        title = run_title(study.name, study.title, store.run(run).command) if run is not None else study.title
+        title = run_title(study.name, study.title, command) if run is not None else study.title
         return self.figures.draw(store, sweeps, path, title, study.figure)

@@ -67,7 +67,7 @@ def test_every_view_has_a_kind_of_figure_and_its_command_draws_it(
         await pilot.press("i")
         await until(pilot, lambda: page.command.startswith(f"fraexp compare {short_key(keys[0])} "))
         commands.append(page.command)
-        for key, kind in (("d", "difference"), ("n", "nyquist"), ("t", "coherence")):
+        for key, kind in (("d", "errors"), ("R", "difference"), ("n", "nyquist"), ("t", "coherence")):
             await pilot.press(key)
             await until(pilot, lambda kind=kind: f"--kind {kind}" in page.command)
             assert kind in FIGURES
@@ -79,12 +79,8 @@ def test_every_view_has_a_kind_of_figure_and_its_command_draws_it(
         program, *arguments = command.split()
         assert program == "fraexp"
         assert main(arguments) == ExitCode.OK
-    assert {file.name for file in tmp_path.glob("*.png")} == {
-        "bode.png",
-        "difference.png",
-        "nyquist.png",
-        "coherence.png",
-    }
+    kinds = {file.stem for file in tmp_path.glob("*.png")}
+    assert kinds == {"bode", "errors", "difference", "nyquist", "coherence"}
 
 
 @pytest.mark.thorough
@@ -164,7 +160,7 @@ def test_the_command_draws_the_band_and_the_phase_that_are_seen(workspace: Path,
         await pilot.press("W")
         await until(pilot, lambda: "--kind bode --frequency-range=10:100 --wrap-phase -o bode.png" in page.command)
         await pilot.press("d")  # the same frequencies; there is no phase to wrap
-        await until(pilot, lambda: "--kind difference --frequency-range=10:100 -o" in page.command)
+        await until(pilot, lambda: "--kind errors --frequency-range=10:100 -o" in page.command)
         await pilot.press("n")
         await until(pilot, lambda: "--kind nyquist -o" in page.command)
         await pilot.press("b", "W")

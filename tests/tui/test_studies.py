@@ -8,7 +8,7 @@ from fraexp.execution.events import TimeLeft
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.screens import studies_page
 from fraexp.tui.screens.launch_page import LaunchPage
-from fraexp.tui.screens.studies_page import FilePage, StudiesPage
+from fraexp.tui.screens.studies_page import StudiesPage
 from fraexp.tui.services.study_survey import SURVEY_LINE, SurveyProcess
 from fraexp.tui.widgets.filter_line import FilterLine
 from fraexp.views.study import StudySurvey
@@ -77,7 +77,7 @@ def test_the_filter_says_when_nothing_is_left_and_esc_takes_it_away(workspace):
 
 
 @pytest.mark.thorough
-def test_a_study_that_is_added_is_noticed_and_its_file_can_be_read(workspace):
+def test_a_study_that_is_added_is_noticed_copied_and_edited(workspace):
     async def steps(app, pilot):
         page = studies(app)
         await until(pilot, lambda: page.item)
@@ -85,11 +85,15 @@ def test_a_study_that_is_added_is_noticed_and_its_file_can_be_read(workspace):
         await until(pilot, lambda: any(entry.name == "added" for entry in page.items))
         await pilot.press("slash", *"added", "enter")
         await until(pilot, lambda: page.item and page.item.name == "added")
-        await pilot.press("e")
-        await until(pilot, lambda: isinstance(app.screen, FilePage))
-        await shows(pilot, 'estimator = { name = "raising" }', "$ cat ")
-        await pilot.press("escape")
-        await until(pilot, lambda: app.screen is page)
+        await pilot.press("N")
+        await shows(pilot, "Name of the copy of added", "my_added")
+        await pilot.press("enter")
+        await shows(pilot, 'estimator = { name = "raising" }', "$ cat ", "1 sweep: 0 reused, 1 to compute")
+        await pilot.press(*"x =", "enter")
+        await shows(pilot, "! not valid TOML: Invalid value (at line 1, column 4)")
+        await pilot.press("ctrl+s", "escape")
+        await until(pilot, lambda: app.screen is page and any(entry.name == "my_added" for entry in page.items))
+        assert (workspace / "studies" / "my_added.toml").read_text().startswith("x =\n")
 
     pilot_of(workspace, steps)
 

@@ -115,11 +115,11 @@ def line_styles(count: int) -> list[LineStyle]:
 
 
 def named_styles(count: int) -> list[LineStyle]:
-    """Return a style for each of `count` curves without an order: colours repeat with other dashes."""
-    rounds = [(colour, dash) for dash in DASH_STYLES for colour in OKABE_ITO]
+    """Return a style for each of `count` curves without an order: they differ in colour, and neighbours in dashes."""
+    looks = zip(range(count), cycle(OKABE_ITO), cycle(DASH_STYLES), strict=False)  # 28 pairs, as no factor is common
     return [
         {"color": colour, "linestyle": dash, "linewidth": max(2.4 - 0.1 * index, 1.5), "zorder": 3}
-        for index, (colour, dash) in zip(range(count), cycle(rounds), strict=False)
+        for index, colour, dash in looks
     ]
 
 

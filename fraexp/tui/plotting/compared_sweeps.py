@@ -178,6 +178,14 @@ class ComparedSweeps:
                 picture = plotted_curves.curves_picture(shown, head)
         return plotted_curves.with_curves(picture, {at: curve_of[index] for at, index in enumerate(drawn)})
 
+    def first_place(self, group: str, wanted: int | None) -> int:
+        """Return the reference of the differences in a group: the wanted curve, else P(jω), else the first curve."""
+        places = self.places("difference", group)
+        members = [self.shown[index] for place in places for index in self.curves[place].some_members]
+        if wanted is not None and wanted in places:
+            return wanted
+        return REFERENCE if any(of.truth is not None for of in members) else next(iter(places), 0)
+
     def _point_of(self, shown: ShownResult) -> CurvePlace:
         """Return where a result belongs if its point has several, else a place of its own."""
         if shown.place is None:
@@ -194,7 +202,7 @@ class ComparedSweeps:
         """Return the names of the curves in a view, by place."""
         named = {place: self.curves[place].label for place in self.places(view, group)}
         head = split_group(group)[0]
-        known = view in ("bode", "difference", "nyquist") and head in self.references
+        known = view in ("bode", "nyquist") and head in self.references
         return named | ({REFERENCE: self.references[head][0]} if known else {})
 
     def notes(self, view: str, group: str) -> list[str]:

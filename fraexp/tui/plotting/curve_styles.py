@@ -32,11 +32,12 @@ class CurveStyles:
 
     @classmethod
     def of_app(cls, app: App[Any]) -> "CurveStyles":
-        """Return the styles for the theme of an application; without colours, curves carry digits."""
+        """Return the styles for the theme of an application; with none or 16 colours, curves carry digits."""
         dark, colours = app.current_theme.dark, app.theme_variables
         wanted = (("axis", AXIS_COLOURS), ("grid", GRID_COLOURS))
         axis, grid = (rich_colour(colours, name) if name in colours else of[dark] for name, of in wanted)
-        return cls(dark, app.no_color, axis, grid)
+        few = not app.is_headless and app.console.color_system == "standard"
+        return cls(dark, app.no_color or few, axis, grid)
 
     @property
     def neutral(self) -> str:

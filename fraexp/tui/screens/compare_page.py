@@ -145,8 +145,10 @@ An exported figure shows the visible curves and frequencies.
         super().__init__()
         self.compared: ComparedSweeps | None = None
         self.view, self.unit, self.kind = "", "", ""
-        self.first = 0
-        """Place of the reference sweep of differences."""
+        self.first: int | None = None
+        """Place of the reference of differences; None until one is chosen: P(jω) if it is known, else the first."""
+        self.against = REFERENCE
+        """Place of the reference of the differences that are shown."""
         self._by: list[str] | None = None
         """Labels that make groups; None: all."""
         self._opened: list[str] = []
@@ -234,7 +236,10 @@ An exported figure shows the visible curves and frequencies.
         old = {place: kept[name] for place, name in enumerate(before) if name in kept} | {REFERENCE: REFERENCE}
         view_range = self.stack.view_range
         view_range.hidden = {old[place] for place in view_range.hidden if place in old}
-        view_range.focus, self.first = old.get(view_range.focus, 0), old.get(self.first, 0)
+        view_range.focus, self.first = (
+            old.get(view_range.focus, 0),
+            old.get(self.first) if self.first is not None else None,
+        )
         self.compared, self._pictures, self._names = found, {}, {}
         self.query_one("#both").display = True  # it is laid out while the picture is made
         self._fill_table()
@@ -267,13 +272,10 @@ An exported figure shows the visible curves and frequencies.
         """Return the view, group and reference to show."""
         view = view or (self.view if self.view and found.groups(self.view) else found.default_view)
         group = group if group in found.groups(view) else self._group(found, view)
-        first = self.first
-        if view == "difference" and first != REFERENCE and found.unit_of(first) != group:
-            first = next(iter(found.places(view, group)), 0)
-        return view, group, first
+        return view, group, found.first_place(group, self.first) if view == "difference" else REFERENCE
 
     def _display(self, key: tuple[str, str, int], picture: Picture) -> None:
-        self.view, group, self.first = key
+        self.view, group, self.against = key
         if self.view in RESPONSE_VIEWS:
             self.unit = group
         else:
@@ -337,15 +339,15 @@ An exported figure shows the visible curves and frequencies.
 
     def _reference(self) -> str:
         assert self.compared is not None
-        return "P(jω)" if self.first == REFERENCE else self.compared.curves[self.first].label
+        return "P(jω)" if self.against == REFERENCE else self.compared.curves[self.against].label
 
     def _visible_places(self) -> list[int]:
         """Return the places of the visible curves; the reference of differences comes first."""
         assert self.compared is not None
         hidden = self.stack.view_range.hidden
         seen = [place for place in self.compared.places(self.view, self.group) if place not in hidden]
-        if self.view == "difference" and self.first != REFERENCE:
-            seen = [self.first, *(place for place in seen if place != self.first)]
+        if self.view == "difference" and self.against != REFERENCE:
+            seen = [self.against, *(place for place in seen if place != self.against)]
         return seen
 
     def _export(self, count: int, named: Sequence[str], picture: Picture) -> FigureExport:
@@ -430,7 +432,7 @@ An exported figure shows the visible curves and frequencies.
 
     def _reload_all(self) -> None:
         self._gathered = None
-        self.stack.view_range.hidden, self.stack.view_range.focus, self.first = set(), 0, 0
+        self.stack.view_range.hidden, self.stack.view_range.focus, self.first = set(), 0, None
         self.reload()
 
     @work(group=ACTION_GROUP)

@@ -1,7 +1,6 @@
 """The list of studies, with the question and the state of each."""
 
 from collections.abc import Collection, Sequence
-from pathlib import Path
 from typing import ClassVar
 
 from rich.text import Text
@@ -16,13 +15,14 @@ from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
 from fraexp.store import RunSummary
 from fraexp.study.catalogue import FIRST_STUDY, StudyEntry
-from fraexp.tui.page import Page
+from fraexp.tui.dialogs import InputDialog
+from fraexp.tui.page import ACTION_GROUP
+from fraexp.tui.screens.study_editor import StudyEditor, copy_fault, copy_study
 from fraexp.tui.services.launch_form import override_texts
 from fraexp.tui.services.study_survey import SurveyProcess
 from fraexp.tui.widgets.filter_line import FilterLine, ListPage
 from fraexp.tui.widgets.paged_table import ListTable
 from fraexp.tui.widgets.preview_plot import WITH_RESULT, PreviewPlot
-from fraexp.tui.widgets.text_section import TextSection
 from fraexp.views.fields import run_state_text
 from fraexp.views.listing import Column
 from fraexp.views.study import StudySurvey, newest_runs, study_fields, study_row
@@ -60,11 +60,12 @@ Studies: those of this workspace, then the examples of fraexp.
   measuring its machine is being measured; m shows it
   measure   a study for an autonomous measurement alone, which m begins
   ...       the state is being determined
-Enter opens a study, to change its values and to launch it. m measures it on its machine: first the plan, then a
-question; while a machine is measured, m shows it."""
+Enter opens a study, to change its values and to launch it. e edits its file, N makes a copy of it.
+m measures it on its machine: first the plan, then a question; while a machine is measured, m shows it."""
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("m", "measure", "measure", tooltip="measure the study on its machine"),
-        Binding("e", "file", "file", tooltip="show the study's file"),
+        Binding("e", "edit", "edit", tooltip="edit the study's file, or read that of an example"),
+        Binding("N", "copy", "new", tooltip="make a new study: a copy of this one in the workspace"),
     ]
     live = True  # files may be added or changed
     AUTO_FOCUS = "ListTable"
@@ -213,40 +214,27 @@ question; while a machine is measured, m shows it."""
             written = self.app.drafts.get(self.item.name)
             self.app.open_measurement(self.item.name, override_texts(written.changes) if written else [])
 
-    def action_file(self) -> None:
-        """Show the study's file."""
+    def action_edit(self) -> None:
+        """Open the text of the study."""
         if self.item is not None:
-            self.app.push_screen(FilePage(self.item.file))
+            self.app.push_screen(StudyEditor(self.item.file))
+
+    @work(group=ACTION_GROUP)
+    async def action_copy(self) -> None:
+        """Copy the study into this workspace, and open the text of the copy."""
+        item, folder = self.item, self.app.backend.workspace.folder
+        if item is None:
+            return
+        question, proposed = f"Name of the copy of {item.name}:", f"my_{item.name.rpartition('/')[2]}"
+        name = await self.app.push_screen_wait(InputDialog(question, proposed, lambda text: copy_fault(folder, text)))
+        if name is None:
+            return
+        try:
+            self.app.push_screen(StudyEditor(copy_study(folder, item.file, name)))
+        except OSError as error:
+            self.app.notify(f"studies/{name}.toml: {error.strerror or error}", title="not copied", severity="error")
 
 
 def _end_mark(run: RunSummary | None) -> tuple[int, str, int, int] | None:
     """Return what identifies a finished run; None while it is running."""
     return (run.number, run.state, run.computed, run.total) if run and run.state != "running" else None
-
-
-class FilePage(Page):
-    """The text of a study file."""
-
-    PLACE: ClassVar[str] = "studies"
-    HELP: ClassVar[str] = "The study file. Edit it with an editor; the list follows."
-
-    def __init__(self, file: Path) -> None:
-        super().__init__()
-        self.file = file
-
-    def body(self) -> ComposeResult:
-        """Show the text."""
-        yield TextSection()
-
-    async def load(self) -> None:
-        """Read the file."""
-        self.heading, self.command = self.file.name, f"cat {self.file}"
-        text = await self.wait_for(self.app.backend.work(lambda _: _file_text(self.file)))
-        self.query_one(TextSection).show_parts(Text("\n".join(map(printable, text.splitlines()))))
-
-
-def _file_text(file: Path) -> str:
-    try:
-        return file.read_text(encoding="utf-8", errors="replace")
-    except OSError as error:
-        return f"{file}: cannot be read: {error.strerror}"

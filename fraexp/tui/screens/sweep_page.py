@@ -8,6 +8,7 @@ from rich.console import RenderableType
 from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
+from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
@@ -19,7 +20,9 @@ from fraexp.components.registry import Registry
 from fraexp.data.results import Result
 from fraexp.data.terminal_text import printable
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
+from fraexp.tui.page import ACTION_GROUP
 from fraexp.tui.services.themes import state_sign
+from fraexp.tui.widgets.figure_export import ask_and_export
 from fraexp.tui.widgets.paged_table import PointsTable
 from fraexp.tui.widgets.preview_plot import PreviewPlot
 from fraexp.tui.widgets.tagging import TaggingPage
@@ -70,6 +73,7 @@ plugins that computed the sweep have changed since.
 """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "mark", "mark", tooltip="mark or unmark the sweep"),
+        Binding("e", "export", "export", tooltip="export the result as CSV, JSON, MATLAB, HDF5 or universal file"),
         Binding("c", "compare", "compare", tooltip="compare with the marked sweeps"),
         *(
             Binding(str(index), f"section('{name}')", title, show=False, tooltip=f"section {title}")
@@ -244,6 +248,11 @@ plugins that computed the sweep have changed since.
         """Mark or unmark the sweep."""
         self.app.marks.toggle(self.key)
         self.show_header()
+
+    @work(group=ACTION_GROUP)
+    async def action_export(self) -> None:
+        """Export the result for other programs."""
+        await ask_and_export(self.app, self.key)
 
     def action_compare(self) -> None:
         """Compare the sweep with the marked ones."""

@@ -1,4 +1,4 @@
-"""Export of a figure by the command that the screen shows, in a separate process."""
+"""Export of figures and of sweeps by commands, each in a separate process."""
 
 import asyncio
 import os
@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.stamp import check_suffix
 from fraexp.figures.elements.view import View
+from fraexp.figures.result_files import WRITERS
 from fraexp.store import url_without_password
 from fraexp.tui.dialogs import ConfirmDialog, InputDialog
-from fraexp.views.words import plural
+from fraexp.views.words import plural, short_key
 from fraexp.workspace.workspace_service import WorkspaceService
 
 if TYPE_CHECKING:
@@ -76,20 +77,30 @@ class FigureExport:
     async def draw(self, app: "FraexpApp", file: Path) -> None:
         """Draw the figure into a file, and tell how that ended."""
         app.notify(f"drawing {file} …", timeout=3)
-        ended, text = await self.draw_into(app.backend.workspace, file)
+        ended, text = await run_command(app.backend.workspace, self.arguments(str(file)))
         app.notify(text, title="exported" if ended else "not exported", severity="information" if ended else "error")
 
-    async def draw_into(self, workspace: WorkspaceService, file: Path) -> tuple[bool, str]:
-        """Draw the figure into a file; return whether that succeeded, and the path or the error."""
-        arguments = [*self.arguments(str(file)), *workspace.location_options()]
-        process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "fraexp", *arguments,
-            stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
-            env=os.environ | workspace.location_environment(),
-        )  # fmt: skip
-        out, err = await process.communicate()
-        said = (err if process.returncode else out).decode(errors="replace").strip().splitlines()
-        return process.returncode == 0, said[-1] if said else str(file)
+
+async def run_command(workspace: WorkspaceService, arguments: Sequence[str]) -> tuple[bool, str]:
+    """Run a command of fraexp that writes a file; return whether that succeeded, and the path or the error."""
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "fraexp", *arguments, *workspace.location_options(),
+        stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+        env=os.environ | workspace.location_environment(),
+    )  # fmt: skip
+    out, err = await process.communicate()
+    said = (err if process.returncode else out).decode(errors="replace").strip().splitlines()
+    return process.returncode == 0, said[-1] if said else str(arguments[-1])
+
+
+async def ask_and_export(app: "FraexpApp", key: str) -> None:
+    """Ask for a file, and export a sweep into it by ``fraexp export``, which replaces none."""
+    question = f"Export sweep {short_key(key)} to this file ({', '.join(WRITERS)}):"
+    answer = await app.push_screen_wait(InputDialog(question, f"{short_key(key)}.csv"))
+    if answer:
+        file = str(Path(answer.strip()).expanduser())
+        done, text = await run_command(app.backend.workspace, ["export", short_key(key), "-o", file])
+        app.notify(text, title="exported" if done else "not exported", severity="information" if done else "error")
 
 
 def file_fault(text: str) -> str:
