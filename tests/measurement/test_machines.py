@@ -211,7 +211,6 @@ def test_one_process_at_a_time_measures_on_a_machine(tmp_path: Path) -> None:
 
 EXITS = {
     "limits.force=30": ExitCode.USAGE,
-    'measurement.machine={name="command", program=["python3", "axis.py"], units=["m", "A"]}': ExitCode.USAGE,
     'measurement.machine={name="command", program=["python3", "-c", "print(1)"]}': ExitCode.MACHINE,
 }
 """Override of the study, and how its measurement ends: at a limit it does in `test_measurement`."""

@@ -76,15 +76,6 @@ def test_the_limits_that_a_machine_states_count(workspace: WorkspaceService) -> 
         measure(workspace, stated % 0.01)
 
 
-@pytest.mark.thorough
-def test_nothing_is_played_without_limits(workspace: WorkspaceService) -> None:
-    file = workspace.folder / "studies" / "axis.toml"
-    file.write_text(file.read_text().replace('velocity = "0.5 m/s"\n', "").replace("force = 150\n", ""))
-    for act in (MeasurementService(workspace, "axis").plans, lambda: measure(workspace)):
-        with refused(StudyError, "velocity", "force"):
-            act()
-
-
 @pytest.mark.parametrize(
     ("limit", "names"),
     [
