@@ -9,12 +9,10 @@ from rich.text import Text
 from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Container, VerticalScroll
-from textual.widgets import Static
+from textual.containers import Container
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.data.terminal_text import printable
-from fraexp.tui.page import Page
 from fraexp.tui.services.plugin_watch import PluginsChanged
 from fraexp.tui.widgets.filter_line import FilterLine, ListPage
 from fraexp.tui.widgets.paged_table import ListTable
@@ -109,7 +107,7 @@ Enter on a friction model opens a trial: force loop and describing function, upd
         yield FilterLine("words, such as: friction stribeck")
         with Container(id="split"):
             yield ListTable("", HEADS, self._cells, lambda offer: f"{offer.kind} {offer.name} {offer.origin}")
-            yield VerticalScroll(Static(), id="detail", can_focus=False)
+            yield TextSection(id="detail")
 
     def on_mount(self) -> None:
         """Show that plugins are being loaded."""
@@ -156,14 +154,15 @@ Enter on a friction model opens a trial: force loop and describing function, upd
         self.table.note = f"{broken} broken" if broken else ""
         if self.items and not self.table.items:
             self._described = None
-            self.query_one("#detail Static", Static).update("No component matches; Esc clears the filter.")
+            self.query_one(TextSection).show_parts("No component matches; Esc clears the filter.")
 
     def preview(self, item: Offer) -> None:
         """Show what there is to know of a component."""
-        shown = item, item.uses(self.sources)
+        most = None if self.has_class("-whole") else PREVIEW_PARAGRAPHS
+        shown = item, item.uses(self.sources), most
         if shown != self._described:  # an update lays out the whole screen
             self._described = shown
-            self.query_one("#detail Static", Static).update(description(item, self.sources, PREVIEW_PARAGRAPHS))
+            self.query_one(TextSection).show_parts(description(item, self.sources, most))
 
     def open(self, item: Offer) -> None:
         """Open the trial of a friction model, or the description of any other component."""
@@ -172,57 +171,25 @@ Enter on a friction model opens a trial: force loop and describing function, upd
 
             self.app.push_screen(TrialPage(item.name))
         else:
-            self.app.push_screen(ComponentPage(item, self.sources))
+            self._show_whole(item, True)
+
+    def _show_whole(self, item: Offer, is_whole: bool) -> None:
+        """Show all of the description in place of the list, or both."""
+        self.set_class(is_whole, "-whole")
+        named = f"{item.name} --kind {item.kind}" if item.provider else f"plugins/{item.name}"
+        self.heading = f"{item.kind} {item.name}" if is_whole else ""
+        self.command = f"fraexp check {named}" if is_whole else "fraexp plugins"
+        self.preview(item)
+        self.query_one(TextSection).scroll_home(animate=False)
+        self.query_one(TextSection if is_whole else ListTable).focus()
+
+    def action_back(self) -> None:
+        """Show the list again, or go back."""
+        if self.has_class("-whole") and self.item is not None:
+            self._show_whole(self.item, False)
+        else:
+            super().action_back()
 
     def action_scroll(self, lines: int) -> None:
         """Scroll the description."""
-        self.query_one("#detail", VerticalScroll).scroll_relative(y=lines * 3, animate=False)
-
-
-class ComponentPage(Page):
-    """The full description of a component."""
-
-    PLACE: ClassVar[str] = "plugins"
-    HELP: ClassVar[str] = "The description of a component by its author, and its parameters."
-
-    def __init__(self, offer: Offer, sources: SourceCounts) -> None:
-        super().__init__()
-        self._offer, self._sources = offer, sources
-
-    def body(self) -> ComposeResult:
-        """Show the description."""
-        yield TextSection()
-        self._show()
-
-    def _show(self) -> None:
-        offer = self._offer
-        self.heading = f"{offer.kind} {offer.name}"
-        named = f"{offer.name} --kind {offer.kind}" if offer.provider else f"plugins/{offer.name}"
-        self.command = f"fraexp check {named}"
-
-    async def load(self) -> None:
-        """Show the current state: the file may have been repaired, broken or removed."""
-        found = await self.compute(_load_offers)
-        if found is None:
-            return
-        now = _find_successor(self._offer, found)
-        self.show_notice("" if now else "This component was removed. Esc returns to the list.")
-        self._offer = now or self._offer
-        self._show()
-        self.query_one(TextSection).display = now is not None
-        self.query_one(TextSection).show_parts(description(self._offer, self._sources))
-
-    @on(PluginsChanged)
-    def _handle_reload(self) -> None:
-        self.reload()
-
-
-def _find_successor(offer: Offer, found: Sequence[Offer]) -> Offer | None:
-    """Return the current offer of the same name or file, which may be broken; None if it was removed."""
-    file = offer.provider.file.name if offer.provider else offer.name
-
-    def of_file(one: Offer) -> bool:
-        return one.origin == f"plugins/{file}" if one.provider else one.name == file
-
-    same = [one for one in found if (one.kind, one.name) == (offer.kind, offer.name)]
-    return next((one for one in [*same, *filter(of_file, found)]), None)
+        self.query_one(TextSection).scroll_relative(y=lines * 3, animate=False)
