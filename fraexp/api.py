@@ -28,13 +28,7 @@ from fraexp.components.kinds import (
     Plant,
     RecordReader,
 )
-from fraexp.components.machine_session import (
-    Chunk,
-    MachineDescription,
-    MachineSession,
-    PlayRequest,
-    workspace_path,
-)
+from fraexp.components.machine_session import Chunk, MachineDescription, MachineSession, PlayRequest, workspace_path
 from fraexp.components.parameters import Parameters, param
 from fraexp.components.periods import Feedforward, Period, Schedule
 from fraexp.components.ports import Contact, Ports, StateSpace

@@ -52,11 +52,7 @@ from fraexp.kernels.call_watch import watched_call
 from fraexp.kernels.decorators import COMPILER_OPTIONS, compiled
 from fraexp.kernels.guards import state_count, written_index
 from fraexp.kernels.lane_layout import LaneLayout
-from fraexp.kernels.law import (
-    explain_compiler_errors,
-    kernel_source_hash,
-    register_law,
-)
+from fraexp.kernels.law import explain_compiler_errors, kernel_source_hash, register_law
 from fraexp.kernels.law_error import LawCallError
 from fraexp.kernels.law_fingerprint import fingerprint
 from fraexp.kernels.loop_laws import Laws, last_call

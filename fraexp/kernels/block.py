@@ -17,12 +17,7 @@ from fraexp.kernels.lane_layout import LaneLayout
 from fraexp.kernels.lanes import LaneRows, LaneValue, round_half_even
 from fraexp.kernels.law import Law
 from fraexp.kernels.law_arguments import ArgumentKinds, argument_reader
-from fraexp.kernels.observed_law import (
-    COMPENSATION,
-    make_observed,
-    with_record,
-    without_record,
-)
+from fraexp.kernels.observed_law import COMPENSATION, make_observed, with_record, without_record
 from fraexp.kernels.stick_slip import CONTACT_DISPLACEMENT, CONTACT_FORCE, CONTACT_ROWS
 from fraexp.kernels.structs import StructArray, struct_array_type, struct_dtype
 

@@ -15,12 +15,7 @@ from numba.core import cgutils, types
 from numba.core.base import BaseContext
 from numba.core.imputils import lower_builtin, lower_cast
 from numba.core.typeconv.castgraph import Conversion
-from numba.core.typing.templates import (
-    ConcreteTemplate,
-    Signature,
-    infer_global,
-    signature,
-)
+from numba.core.typing.templates import ConcreteTemplate, Signature, infer_global, signature
 from numba.extending import models, overload, register_model
 
 from fraexp.kernels.choice import where

@@ -20,12 +20,7 @@ from fraexp.store.changes import leases, merging, trash, writing
 from fraexp.store.liveness import steady_time, this_process
 from fraexp.store.queries import annotations, reading, stored_results, sweep_pages
 from fraexp.store.queries.known_names import UnitDeclarations, no_declared_units
-from fraexp.store.stored_records import (
-    Deletion,
-    ListingPage,
-    MergeSummary,
-    RunProgress,
-)
+from fraexp.store.stored_records import Deletion, ListingPage, MergeSummary, RunProgress
 from fraexp.store.tables import SCHEMA_NUMBER
 from fraexp.store.validation import FOREIGN_DATA_ERRORS, DamagedError, foreign_data_error
 

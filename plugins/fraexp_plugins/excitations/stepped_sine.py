@@ -3,12 +3,7 @@
 import numpy as np
 
 from fraexp.api import Period, param
-from fraexp_plugins.excitations._shared.sampling import (
-    PROFILE_MEANING,
-    AmplitudeProfile,
-    relative_amplitude,
-    sine_wave,
-)
+from fraexp_plugins.excitations._shared.sampling import PROFILE_MEANING, AmplitudeProfile, relative_amplitude, sine_wave
 from fraexp_plugins.excitations._shared.settled_excitation import SteppedExcitation
 
 

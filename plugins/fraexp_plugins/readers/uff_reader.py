@@ -8,13 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import RecordError, RecordReader, RecordTable
-from fraexp_plugins.readers._shared.record_arrays import (
-    check_size,
-    format_errors,
-    load_package,
-    only_one,
-    pick_columns,
-)
+from fraexp_plugins.readers._shared.record_arrays import check_size, format_errors, load_package, only_one, pick_columns
 from fraexp_plugins.readers._shared.text_lines import unique_names
 
 FUNCTION_DATASET = 58
