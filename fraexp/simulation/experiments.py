@@ -98,7 +98,7 @@ class Setup:
     @cached_property
     def law_arguments(self) -> tuple[Any, ...]:
         """Arguments that the kernel takes for the friction law, or for the one that chooses from several."""
-        from fraexp.kernels.contact_law import chosen_arguments
+        from fraexp.kernels.loop_laws import chosen_arguments
 
         models = list(self.frictions.values())
         return chosen_arguments([model.state_size for model in models], [model.law_arguments() for model in models])
@@ -118,9 +118,8 @@ class Setup:
     @property
     def laws(self) -> "Laws":
         """Laws that are compiled for it."""
-        from fraexp.kernels.contact_law import chosen_law
         from fraexp.kernels.law_arguments import argument_kinds
-        from fraexp.kernels.loop_laws import Laws
+        from fraexp.kernels.loop_laws import Laws, chosen_law
 
         each = [model.velocity_law or model.law for model in self.frictions.values()]
         law = each[0] if len(each) == 1 else chosen_law(each)
