@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from fraexp.components.translation.blocks import Block, Setting
 from fraexp.components.translation.language import (
+    Constant,
     Expression,
     Function,
     Language,
-    Number,
     Text,
     Type,
     comment,
@@ -62,7 +62,7 @@ class CLanguage(Language):
         """Return the type of a variable."""
         return f"{self.prefix}real" if kind == "real" else "int"
 
-    def number(self, number: Number) -> str:
+    def number(self, number: Constant) -> str:
         """Return a constant."""
         if number.type != "real":
             return str(int(number.value))
@@ -107,7 +107,7 @@ class CLanguage(Language):
 
     def table(self, name: str, values: NDArray[np.float64]) -> str:
         """Return an array of constants."""
-        texts = [self.number(Number(float(value), "real")) for value in values.ravel()]
+        texts = [self.number(Constant(float(value), "real")) for value in values.ravel()]
         lines = [texts[k : k + VALUES_PER_LINE] for k in range(0, len(texts), VALUES_PER_LINE)]
         rows = ",\n".join(f"    {', '.join(line)}" for line in lines)
         declared = f"static const {self.prefix}real {self.prefix}{name}[{max(values.size, 1)}]"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 Type = Literal["real", "int", "bool"]
 
 
-class Number(NamedTuple):
+class Constant(NamedTuple):
     """A constant."""
 
     value: float | int | bool
@@ -35,7 +35,7 @@ class Text(NamedTuple):
     """Whether it needs parentheses as an operand."""
 
 
-Expression = Number | Variable | Text
+Expression = Constant | Variable | Text
 
 
 @dataclass(eq=False)
@@ -95,14 +95,14 @@ class Language(ABC):
         """Return the type of a variable."""
 
     @abstractmethod
-    def number(self, number: Number) -> str:
+    def number(self, number: Constant) -> str:
         """Return a constant."""
 
     def text(self, function: Function, expression: Expression) -> str:
         """Return an expression of a function."""
         if isinstance(expression, Text):
             return expression.text
-        if isinstance(expression, Number):
+        if isinstance(expression, Constant):
             return self.number(expression)
         return function.names.get(expression.name, expression.name)
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from fraexp.components.translation.blocks import Block, BlockInput, Setting
 from fraexp.components.translation.language import (
+    Constant,
     Expression,
     Function,
     Language,
-    Number,
     Text,
     Type,
     comment,
@@ -118,7 +118,7 @@ class StructuredText(Language):
         """Return the type of a variable."""
         return {"real": self.real, "int": "DINT", "bool": "BOOL"}[kind]
 
-    def number(self, number: Number) -> str:
+    def number(self, number: Constant) -> str:
         """Return a constant."""
         if number.type == "bool":
             return "TRUE" if number.value else "FALSE"
@@ -163,7 +163,7 @@ class StructuredText(Language):
     ) -> list[str]:
         """Return the lines of a FOR, whose last value is part of it."""
         last = f"{self.operand(function, stop)} {'-' if step > 0 else '+'} 1"
-        if isinstance(stop, Number):
+        if isinstance(stop, Constant):
             last = str(int(stop.value) + (-1 if step > 0 else 1))
         by = "" if step == 1 else f" BY {step}"
         head = f"FOR {counter} := {self.text(function, start)} TO {last}{by} DO"

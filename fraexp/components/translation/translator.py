@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 
 from fraexp.components.translation.language import (
+    Constant,
     Expression,
     Function,
     Language,
-    Number,
     Text,
     Type,
     Variable,
@@ -226,7 +226,7 @@ class _FunctionTranslator:
             if isinstance(value, ArrayView):
                 found.arrays = {**found.arrays, value.array: value.whole_size}
             elif isinstance(value, Known) and isinstance(value.value, float | np.floating):
-                self._assign(name, Number(float(value.value), "real"))  # a name says more than a number
+                self._assign(name, Constant(float(value.value), "real"))  # a name says more than a number
             elif self._written[name]:
                 self._assign(name, self._number(value, self._source.definition))
         self._translate_all(self._source.definition.body)
@@ -366,7 +366,7 @@ class _FunctionTranslator:
 
     def _translate_if(self, node: ast.If) -> None:
         test = self._truth(node.test)
-        if isinstance(test, Number):
+        if isinstance(test, Constant):
             return self._translate_all(node.body if test.value else node.orelse)
         body = self._block(lambda: self._translate_all(node.body))
         otherwise = self._block(lambda: self._translate_all(node.orelse))
@@ -379,7 +379,7 @@ class _FunctionTranslator:
             raise UntranslatableError(node, f"loops over {ast.unparse(call)}", "loop over a range of whole numbers")
         counter = self._counter(node)
         start, stop, step = self._range([self._whole(bound) for bound in call.args], node)
-        if not isinstance(stop, Number):  # Python computes it once
+        if not isinstance(stop, Constant):  # Python computes it once
             held = self._temporary("int")
             self._emit(held, stop)
             stop = held
@@ -401,10 +401,10 @@ class _FunctionTranslator:
         return name
 
     def _range(self, bounds: Sequence[Expression], node: ast.For) -> tuple[Expression, Expression, int]:
-        start = bounds[0] if len(bounds) > 1 else Number(0, "int")
+        start = bounds[0] if len(bounds) > 1 else Constant(0, "int")
         stop = bounds[1] if len(bounds) > 1 else bounds[0]
-        step = bounds[2] if len(bounds) > 2 else Number(1, "int")
-        if not isinstance(step, Number) or step.value == 0:
+        step = bounds[2] if len(bounds) > 2 else Constant(1, "int")
+        if not isinstance(step, Constant) or step.value == 0:
             raise UntranslatableError(node, "loops with a step that varies", "take a constant one")
         return start, stop, int(step.value)
 
@@ -417,7 +417,7 @@ class _FunctionTranslator:
         found = self._number(self._value(node), node)
         if found.type == "bool":
             return found
-        return self._operation("!=", (found, Number(0 if found.type == "int" else 0.0, found.type)), "bool")
+        return self._operation("!=", (found, Constant(0 if found.type == "int" else 0.0, found.type)), "bool")
 
     def _whole(self, node: ast.expr) -> Expression:
         found = self._number(self._value(node), node)
@@ -432,19 +432,19 @@ class _FunctionTranslator:
         if not isinstance(value, Known):
             return value
         if isinstance(value.value, bool | np.bool_):
-            return Number(bool(value.value), "bool")
+            return Constant(bool(value.value), "bool")
         if isinstance(value.value, int | np.integer):
-            return Number(int(value.value), "int")
+            return Constant(int(value.value), "int")
         if isinstance(value.value, float | np.floating):
-            return Number(float(value.value), "real")
+            return Constant(float(value.value), "real")
         raise UntranslatableError(node, f"uses {type(value.value).__name__} as a number", "use numbers")
 
     def _converted(self, value: Expression, kind: Type) -> Expression:
         """Return a number in a type that can hold it."""
         if value.type == kind:
             return value
-        if isinstance(value, Number):
-            return Number(float(value.value), "real")
+        if isinstance(value, Constant):
+            return Constant(float(value.value), "real")
         return self._library("real", (value,))
 
     def _value(self, node: ast.expr) -> Value:
@@ -536,20 +536,20 @@ class _FunctionTranslator:
         if isinstance(node.slice, ast.Tuple):
             raise UntranslatableError(node, f"uses {ast.unparse(node)}", "take arrays with one axis")
         index = self._whole(node.slice)
-        if isinstance(index, Number):
+        if isinstance(index, Constant):
             place = int(index.value) + (size if index.value < 0 else 0)
             if not 0 <= place < size:
                 raise UntranslatableError(node, f"uses {ast.unparse(node)} of {size} elements", "stay within it")
-            return Number(place + offset, "int")
+            return Constant(place + offset, "int")
         if any(isinstance(part, ast.Sub | ast.USub) for part in ast.walk(node.slice)):
-            index = self._library("wrap", (index, Number(size, "int")), "int")  # Python counts from the end
-        return self._operation("+", (Number(offset, "int"), index), "int") if offset else index
+            index = self._library("wrap", (index, Constant(size, "int")), "int")  # Python counts from the end
+        return self._operation("+", (Constant(offset, "int"), index), "int") if offset else index
 
     def _unaryop(self, node: ast.UnaryOp) -> Value:
         operand = self._value(node.operand)
         if isinstance(node.op, ast.Not | ast.Invert):
             test = self._truth(node.operand)
-            return Known(not test.value) if isinstance(test, Number) else self._operation("not", (test,), "bool")
+            return Known(not test.value) if isinstance(test, Constant) else self._operation("not", (test,), "bool")
         if isinstance(operand, Known) and isinstance(operand.value, int | float):
             return Known(-operand.value if isinstance(node.op, ast.USub) else operand.value)
         number = self._number(operand, node)
@@ -609,7 +609,7 @@ class _FunctionTranslator:
     def _ifexp(self, node: ast.IfExp) -> Value:
         """Only the value that is chosen is computed."""
         test = self._truth(node.test)
-        if isinstance(test, Number):
+        if isinstance(test, Constant):
             return self._value(node.body if test.value else node.orelse)
         result = self._temporary("real")
         body = self._block(lambda: self._emit(result, self._real(node.body)))
