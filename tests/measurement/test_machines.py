@@ -143,7 +143,9 @@ def test_a_check_of_a_machine_finds_units_that_no_limit_is_in() -> None:
             require_si(units)
 
 
-def test_limits_of_a_machine_may_be_texts_with_units(workspace: WorkspaceService) -> None:
+def test_limits_of_a_machine_count_and_may_be_texts_with_units(workspace: WorkspaceService) -> None:
+    file = workspace.folder / "studies" / "axis.toml"
+    file.write_text(file.read_text().replace('stroke = "20 mm"\n', ""))
     stated = 'measurement.machine={name="simulated", limits={stroke="1 um"}}'
     with refused(MachineError, "limits.stroke", "1 µm", "10 Hz"):
         list(MeasurementService(workspace, "axis", [stated]).measure_points())

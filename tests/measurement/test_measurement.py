@@ -66,16 +66,6 @@ def test_so_it_has_with_lost_packets_delays_and_a_cut_connection(workspace: Work
     assert any("resumed there" in note for point in points for note in point.repeats)
 
 
-@pytest.mark.thorough
-def test_the_limits_that_a_machine_states_count(workspace: WorkspaceService) -> None:
-    file = workspace.folder / "studies" / "axis.toml"
-    file.write_text(file.read_text().replace('velocity = "0.5 m/s"\n', ""))
-    stated = 'measurement.machine={name="simulated", limits={velocity=%s}}'
-    assert measure(workspace, stated % 0.5, "excitation.frequencies=[100.0]")
-    with refused(MachineError, "limits.velocity", "0.01 m/s"):
-        measure(workspace, stated % 0.01)
-
-
 @pytest.mark.parametrize(
     ("limit", "names"),
     [
