@@ -14,7 +14,7 @@ from fraexp.data.results import Result
 from fraexp.execution.events import Ended, Event
 from fraexp.records.first_look import choose, look_at, with_channels
 from fraexp.store import StoredSweep
-from fraexp.views.identified_axis import answers
+from fraexp.views.identified_axis import answers, gains
 from fraexp.views.words import short_key
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -26,25 +26,28 @@ def execute(arguments: Namespace) -> ExitCode:
     look = look_at(request, workspace.registry)
     choice = choose(look)
     say(f"{choice.estimator['name']}: {choice.reason}")
-    ended, sweeps, results, failures = _followed(workspace.identify(request, look, choice, arguments.study), workspace)
-    rows = list(answers(request.files, look, choice, results))
-    if arguments.tune:
-        tuning = workspace.fit(
-            sweeps[-1:], f"{arguments.study.stem if arguments.study else request.stem}-tune", kind=Controller.kind
-        )
-        _, _, tuned, unfit = _followed(tuning, workspace)
-        rows += [row for row in answers(request.files, look, choice, tuned) if row not in rows]
-        failures += unfit
-    rows += [("open", reason) for reason in failures]
+    found = [_followed(workspace.identify(request, look, choice, arguments.study), workspace)]
+    rows = list(answers(request.files, look, choice, found[0].results))
+    if arguments.tune and found[0].sweeps:
+        name = f"{arguments.study.stem if arguments.study else request.stem}-tune"
+        found.append(_followed(workspace.fit(found[0].sweeps[-1:], name, kind=Controller.kind), workspace))
+        rows += [row for tuned in found[1].results.values() for row in gains(tuned)]
+    rows += [("open", reason) for of in found for reason in of.failures]
+    figures = [path for of in found for path in of.ended.figures]
+    sweeps = [pair for of in found for pair in zip(of.sweeps, of.results.values(), strict=True)]
     if arguments.json:
-        documents = [sweep_document(of, result) for of, result in zip(sweeps, results.values(), strict=True)]
-        print_json({"answers": rows, "figures": [str(path) for path in ended.figures], "sweeps": documents})
+        documents = [sweep_document(*pair) for pair in sweeps]
+        print_json({"answers": rows, "figures": [str(path) for path in figures], "sweeps": documents})
     else:
         print_fields(rows)
-        for path in ended.figures:
+        for path in figures:
             print_path(path, "figure ")
-        say(f"next: fraexp show {short_key(sweeps[-1].key)}, fraexp plot {ended.run} -o FILE.pdf")
-    return ExitCode.INCOMPLETE if failures else ExitCode.OK
+        for of in found:
+            if of.ended.note:
+                say(f"run {of.ended.run}: no figure was drawn: {' '.join(of.ended.note.split())}")
+        shown = [f"fraexp show {short_key(sweep.key)}" for sweep, _ in sweeps]
+        say(f"next: {', '.join([*shown, f'fraexp plot {found[0].ended.run} -o FILE.pdf'])}")
+    return ExitCode.INCOMPLETE if any(of.failures for of in found) else ExitCode.OK
 
 
 class _Followed(NamedTuple):

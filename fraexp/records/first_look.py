@@ -1,7 +1,7 @@
 """What measured records tell of an axis: the estimator that suits them, and the study that applies it."""
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,9 +12,10 @@ from fraexp.analysis.fourier import line_amplitude, phasors
 from fraexp.analysis.quantisation import grid_step
 from fraexp.components.registry import Registry
 from fraexp.data import toml
-from fraexp.data.signals import Signals
+from fraexp.data.signals import Segment, Signals
 from fraexp.errors import RecordError
 from fraexp.records.proposals import propose_files
+from fraexp.records.record_doubts import LOOP_UNITS
 from fraexp.records.record_files import list_contents
 from fraexp.records.record_settings import INJECTED_CHANNELS, RecordSettings
 from fraexp.records.source import load, resolve
@@ -32,6 +33,12 @@ RESPONSE = "response"
 """Label of the response to which a plant is fitted."""
 ALL_RECORDS = "all records"
 """Label of the sweep to which all levels contribute."""
+PLACEHOLDERS = ("HZ", "OUTPUT/INPUT")
+"""What a proposal has for what the user must state."""
+CUTTING_KEYS = {"samples_per_period", "period_time", "steps", "frequency_column", "segments", "periodic"}
+"""Keys of [record] that say what repeats itself, of which one is given."""
+GIVEN_POWER = 0.3
+"""Mean sine of the phase of position over force, from which a sign is wrong: 0 of a free mass, below with friction."""
 JOINT, PLANT, SLIDING = "plant_and_friction", "modal_fit", "friction_identification"
 
 
@@ -58,19 +65,28 @@ class Choice(NamedTuple):
 
 
 def with_channels(request: ImportRequest, registry: Registry) -> ImportRequest:
-    """Return a request with channels: those that names, units and values of its files show, if it has none.
+    """Return a request with what names, units and values of its files show: channels, clock, and what repeats itself.
 
     Raises
     ------
-    RecordError : if these leave something open.
+    RecordError : if the request states no channels, and these leave something open.
     """
-    if request.channels:
-        return request
+    _check_files(request.files)
     proposal = propose_files({file: list_contents(file, registry) for file in request.files}, registry)
-    if proposal.needs or proposal.levels:
+    if not request.channels and (proposal.needs or proposal.levels):
         needs = proposal.needs or ["the columns are those of several levels: leave out {level}, and choose one"]
-        raise RecordError(f"{request.files[0]}: {'; '.join(needs)}; give the options of '{proposal.command}'")
-    return replace(request, channels=proposal.channels, options={**proposal.options, **request.options})
+        given = proposal.command.removeprefix("fraexp import ")
+        raise RecordError(f"{request.files[0]}: {'; '.join(needs)}; give the options of: fraexp identify {given}")
+    known = {key: value for key, value in proposal.options.items() if value not in PLACEHOLDERS}
+    if not CUTTING_KEYS.isdisjoint(request.options):
+        known = {key: value for key, value in known.items() if key not in CUTTING_KEYS}
+    return replace(request, channels=request.channels or proposal.channels, options={**known, **request.options})
+
+
+def _check_files(files: Sequence[Path]) -> None:
+    twice = next((file for at, file in enumerate(files) if file.resolve() in [of.resolve() for of in files[:at]]), None)
+    if twice is not None:
+        raise RecordError(f"{twice}: the file is given twice; expected records of one machine, each once")
 
 
 def look_at(request: ImportRequest, registry: Registry) -> RecordLook:
@@ -81,16 +97,47 @@ def look_at(request: ImportRequest, registry: Registry) -> RecordLook:
     signals = load(experiment, paths, registry)
     if is_response(settings.channels):
         return RecordLook("", _frequencies(signals), (), 1, 0.0)
-    source, position, *_ = (name for name in request.channels if name not in INJECTED_CHANNELS)
-    unit = signals.units[source]
+    channels = [name for name in request.channels if name not in INJECTED_CHANNELS]
+    if len(channels) < 2:
+        raise RecordError(f"{request.files[0]}: {channels[0]} is the only channel; name the position, too: y=COLUMN")
+    source, position = channels[:2]
+    units = signals.units[source], signals.units[position]
+    if units not in LOOP_UNITS:
+        raise RecordError(
+            f"{request.files[0]}: the input is in {units[0]}, the output in {units[1]}; expected N and m, or N m and "
+            f"rad: give the factors, such as '{source}=COLUMN * 31.5 [N]' for a current, or "
+            f"'{position}=COLUMN * 0.5 [um]' for counts"
+        )
     steps = [grid_step(segment.channels[position]) for segment in signals.segments]
     if not signals.segments[0].periodic:
-        return RecordLook(unit, (), (), 1, _rounded(min(steps)))
-    by_file: dict[int, list[float]] = defaultdict(list)
+        return RecordLook(units[0], (), (), 1, _rounded(min(steps)))
+    by_file: dict[int, list[Segment]] = defaultdict(list)
     for plain, segment in zip(experiment["record"]["segments"], signals.segments, strict=True):
-        by_file[plain.get("part", 0)].append(line_amplitude(segment, source))
-    amplitudes = tuple(float(np.median(sizes)) for sizes in by_file.values())
-    return RecordLook(unit, _frequencies(signals), amplitudes, _level_count(signals, source), _rounded(min(steps)))
+        by_file[plain.get("part", 0)].append(segment)
+    for file, segments in zip(request.files, by_file.values(), strict=False):
+        _check_sign(file, segments, source, position)
+    sizes = (np.median([line_amplitude(segment, source) for segment in segments]) for segments in by_file.values())
+    levels = _level_count(signals, source)
+    return RecordLook(units[0], _frequencies(signals), tuple(map(float, sizes)), levels, _rounded(min(steps)))
+
+
+def _check_sign(file: Path, segments: Sequence[Segment], source: str, position: str) -> None:
+    """Raise RecordError if an axis gives power to its force at its lowest frequencies, where delays matter least."""
+    turns = [
+        (frequency, np.sin(np.angle(ratio)))
+        for segment in segments
+        for frequency, ratio in zip(
+            segment.frequency,
+            phasors(segment, position).mean(axis=0) * phasors(segment, source).mean(axis=0).conj(),
+            strict=True,
+        )
+    ]
+    lowest = [turn for _, turn in sorted(turns)[: (len(turns) + 2) // 3]]
+    if np.mean(lowest) > GIVEN_POWER:
+        raise RecordError(
+            f"{file}: at the lowest frequencies the axis gives power to the force, which friction never does; correct "
+            "the sign of input or position in this file (of all files: 'u=COLUMN * -1 [UNIT]')"
+        )
 
 
 def _rounded(value: float) -> float:
@@ -118,7 +165,10 @@ def choose(look: RecordLook) -> Choice:
     if not look.unit:
         return Choice({"name": PLANT}, "it is a response that was measured elsewhere")
     if not look.frequencies:
-        return Choice({"name": SLIDING, "laws": ["coulomb"]}, "the record does not repeat itself")
+        return Choice(
+            {"name": SLIDING, "laws": ["coulomb"]},
+            "the record does not repeat itself (of a stepped sine, state --frequency)",
+        )
     if look.levels > 1:
         law = {"law": "any"} if look.levels >= LEVELS_FOR_LAWS else {}
         encoder = {"resolution": look.resolution} if look.resolution else {}
@@ -133,6 +183,8 @@ def identification_study(
     """Return the study, as plain data, that applies the chosen estimator; files of several levels also one by one."""
     own = dict(choice.estimator)
     name = str(own.pop("name"))
+    if name == PLANT and len(request.files) > 1 and not set(INJECTED_CHANNELS) & set(request.channels):
+        own["excitation_channel"] = next(iter(request.channels))  # repetitions are averaged
     settings = [*(f"estimator.{key}={toml.dumps(value)}" for key, value in own.items()), *request.settings]
     estimators = [] if name == PLANT else [name]  # a plant is fitted to what the usual estimator of a record finds
     data: dict[str, Any] = study_data(
@@ -148,5 +200,10 @@ def identification_study(
         return data
     joint = {"label": ALL_RECORDS, "estimator": data.pop("estimator")}
     plain = {"name": PERIODIC_ESTIMATOR, **{key: joint["estimator"][key] for key in ("input", "output")}}
-    each = [{"label": Path(file).name, "record": {"file": file}, "estimator": plain} for file in files]
+    names = [Path(file).name for file in files]
+    labels = names if len(set(names)) == len(names) else [Path(*Path(file).parts[-2:]).as_posix() for file in files]
+    each = [
+        {"label": label, "record": {"file": file}, "estimator": plain}
+        for label, file in zip(labels, files, strict=True)
+    ]
     return {**data, "case": [*each, joint]}

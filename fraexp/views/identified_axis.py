@@ -6,14 +6,19 @@ from pathlib import Path
 import numpy as np
 
 from fraexp.analysis.band_reach import BandReach
+from fraexp.analysis.confidence import NORMAL_QUANTILE
 from fraexp.data.frequency_text import frequency_text
-from fraexp.data.results import Fit, Outcome, Result
+from fraexp.data.results import EXTREMUM_CURVES, Curve, Fit, Outcome, Result
 from fraexp.records.first_look import Choice, RecordLook
 from fraexp.views.result_rows import fit_rows
 from fraexp.views.words import number_text, plural, with_unit
 
 LAW_METRICS = ("Coulomb force", "viscous coefficient")
 """Metrics of friction, each with the half-width of its interval behind `, 95 %`."""
+MASSES = {"m/N": ("mass", "kg"), "rad/N m": ("inertia", "kg m²")}
+"""What 1/k0 is, by the unit of the response."""
+MARGINS = ("modulus margin", "gain margin", "phase margin")
+"""Metrics of a tuned loop."""
 UNTOLD = "one amplitude does not tell: record the same frequencies at twice the amplitude, and give both files"
 
 
@@ -26,7 +31,15 @@ def answers(
     yield "method", f"{choice.estimator['name']}: {choice.reason}"
     yield "friction", _friction_text(look, result)
     fits = {fit.kind: fit for fit in result.fits}
-    yield "plant", _fit_text(fits["plant"]) if "plant" in fits else "none was found: see what is open"
+    yield (
+        "plant",
+        _plant_text(fits["plant"], result.response.unit if result.response else "")
+        if "plant" in fits
+        else "none was found: see what is open",
+    )
+    for curve in result.curves:
+        if curve.name in EXTREMUM_CURVES and curve.columns["frequency"].size:
+            yield curve.name, _extrema_text(curve)
     if delay := _metric_text(result, "input_dead_time"):
         yield "dead time", delay
     if result.response is not None:
@@ -34,11 +47,18 @@ def answers(
         yield "band", f"within 0.5 dB and 3° at {within.sum()} of {plural(within.size, 'frequency', 'frequencies')}"
     if "friction" in fits:
         yield "friction law", _law_text(fits["friction"], result)
-    if "controller" in fits:
-        yield "gains", _fit_text(fits["controller"])
     for label, of in results.items():
         word = "remark" if of.outcome is Outcome.OK else "open"
         yield from ((word, f"{label}: {finding}".removeprefix(": ")) for finding in of.findings)
+
+
+def gains(tuned: Result) -> Iterator[tuple[str, str]]:
+    """Yield the gains that were found, with their margins; nothing if there are none."""
+    for fit in tuned.fits:
+        if fit.kind == "controller":
+            values = (f"{name} {value} {unit}".rstrip() for name, value, _, unit in fit_rows(fit))
+            yield "gains", ", ".join(values)
+            yield "margins", ", ".join(f"{name} {_metric_text(tuned, name)}" for name in MARGINS)
 
 
 def _records_text(files: Sequence[Path], look: RecordLook) -> str:
@@ -61,6 +81,8 @@ def _friction_text(look: RecordLook, result: Result) -> str:
         )
     if numbers := _law_numbers(result):
         return f"yes: {numbers}"
+    if not look.frequencies:
+        return "none was found: see what is open"
     if result.response is None or not np.isfinite(result.response.distortion).any():
         return UNTOLD
     worst = float(np.nanmax(result.response.distortion))
@@ -81,11 +103,20 @@ def _metric_text(result: Result, name: str) -> str:
     return with_unit(f"{number_text(found[name].value, 4)}{interval}", found[name].unit)
 
 
-def _fit_text(fit: Fit) -> str:
+def _plant_text(fit: Fit, unit: str) -> str:
+    """Return the parameters of a plant, and first the mass or inertia that its gain stands for."""
     rows = [row for row in fit_rows(fit) if row[1] != "0"]
-    return ", ".join(
-        with_unit(f"{name} {value}" + (f" ± {band}" if band else ""), unit) for name, value, band, unit in rows
-    )
+    texts = [with_unit(f"{name} {value}" + (f" ± {band}" if band else ""), of) for name, value, band, of in rows]
+    if unit in MASSES:
+        gain, deviation = float(fit.values[0]), float(fit.standard_deviation[0])
+        what, kilograms = MASSES[unit]
+        texts.insert(0, f"{what} {1 / gain:.5g} ± {NORMAL_QUANTILE * deviation / gain**2:.2g} {kilograms}")
+    return ", ".join(texts)
+
+
+def _extrema_text(curve: Curve) -> str:
+    rows = zip(curve.columns["frequency"], curve.columns["frequency, ± 95 %"], strict=True)
+    return ", ".join(f"{frequency:.5g} ± {band:.2g} Hz" for frequency, band in rows)
 
 
 def _law_text(fit: Fit, result: Result) -> str:

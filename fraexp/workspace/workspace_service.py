@@ -5,7 +5,7 @@ import shlex
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 
 from fraexp.components.kinds import Plant
@@ -155,15 +155,18 @@ class WorkspaceService(WorkspaceFolder):
     ) -> Generator[Event, None, None]:
         """Write the study that applies an estimator to all records of one machine, and run it, as `import_record`."""
         path = self._study_path(request, target)
-        yield from self._run_written(path, identification_study(request, look, choice, path.parent, self.registry))
+        data = identification_study(request, look, choice, path.parent, self.registry)
+        yield from self._run_written(path if target else _free_path(path, data), data)
 
     def _study_path(self, request: ImportRequest, target: Path | None) -> Path:
         return target or self.folder / "studies" / f"{request.stem}.toml"
 
     def _run_written(self, path: Path, data: Mapping[str, object]) -> Generator[Event, None, None]:
         resolve(path.stem, path, data, self.folder, self.registry)
+        if path.suffix != ".toml":
+            raise StudyError(f"{path}: a study is a file that ends in .toml; choose another one, such as --study")
         if path.exists() and not is_same_study(path, data):
-            free = next(other for n in count(2) if not (other := path.with_stem(f"{path.stem}-{n}")).exists())
+            free = _free_path(path, data)
             raise StudyError(f"{path}: a different study is in this file; choose another one, such as --study {free}")
         write_study(path, data)
         if not path.resolve().is_relative_to(self.folder.resolve()):
@@ -271,3 +274,9 @@ class WorkspaceService(WorkspaceFolder):
         sweeps = [replace(stored[sweep.key], labels=dict(sweep.labels)) for sweep in study.sweeps]
         title = run_title(study.name, study.title, command) if run is not None else study.title
         return self.figures.draw(store, sweeps, path, title, study.figure)
+
+
+def _free_path(path: Path, data: Mapping[str, object]) -> Path:
+    """Return a path, or if another study is there the first one with a number at which there is none or the same."""
+    numbered = (path.with_stem(f"{path.stem}-{number}") for number in count(2))
+    return next(of for of in chain([path], numbered) if not of.exists() or is_same_study(of, data))

@@ -81,9 +81,28 @@ def test_a_listing_that_leaves_something_open_is_refused(tmp_path: Path) -> None
         fraexp.Workspace(tmp_path).identify(file)
 
 
+@pytest.mark.parametrize(
+    ("names", "channels", "words"),
+    [
+        (["low", "low"], {}, ["twice"]),
+        (["low"], {"u": "force"}, ["position"]),
+        (["low"], {"u": "position", "y": "force"}, ["m", "N"]),
+        (["low", "high"], {"u": "force * -1 [N]", "y": "position"}, ["low.csv", "sign"]),
+    ],
+)
+def test_records_that_are_none_of_one_axis_are_refused(
+    records: Path, tmp_path: Path, names: list[str], channels: dict[str, str], words: list[str]
+) -> None:
+    with refused(fraexp.FraexpError, *words):
+        fraexp.Workspace(tmp_path).identify([records / f"{name}.csv" for name in names], channels, progress=False)
+    assert not (tmp_path / "studies").exists()
+
+
 def test_one_amplitude_does_not_tell_friction(records: Path, tmp_path: Path) -> None:
     found = fraexp.Workspace(tmp_path).identify(records / "high.csv", progress=False)
     assert "twice the amplitude" in dict(found.answers)["friction"]
+    again = fraexp.Workspace(tmp_path).identify(records / "high.csv", progress=False, skip_periods=1)
+    assert (found.run.study, again.run.study) == ("high", "high-2")
     assert [of.labels["case"] for of in found.run] == ["response"] + ["modal_fit"] * (len(found.run) - 1)
 
 
@@ -98,6 +117,7 @@ def test_two_files_at_two_amplitudes_tell_plant_friction_and_gains(
     answers = dict(json.loads(capsys.readouterr().out)["answers"])
     assert answers["friction law"] == "rolling"
     assert answers["gains"].startswith("proportional")
+    assert float(answers["plant"].split()[1]) == pytest.approx(sum(MASSES), rel=5e-3)
     found = fraexp.Workspace(tmp_path).identify(files, skip_periods=4, progress=False)
     plant, friction = found.models["plant"], found.models["friction"]
     assert plant["rigid_body_gain"] == pytest.approx(1 / sum(MASSES), rel=5e-3)
