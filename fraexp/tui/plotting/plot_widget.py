@@ -3,6 +3,7 @@
 from typing import ClassVar
 
 from textual import events
+from textual.geometry import Region
 from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
@@ -72,8 +73,15 @@ class Plot(Widget, can_focus=False):
         """Show a panel in a window; `labelled`, with the labels of its x axis."""
         self.drawing = PanelDrawing(panel, view_range, curve_styles, upright)
         self.window, self._labelled = window, labelled
-        self._drawn = None
-        self.refresh()
+        before, self._strips = self._strips, self._draw()
+        self._drawn = self.size, self.background_colors[1]
+        if len(before) != len(self._strips):
+            self.refresh()
+            return
+        rows = enumerate(zip(before, self._strips, strict=True))
+        changed = [_changed_region(row, old, new) for row, (old, new) in rows if old != new]
+        if changed:  # without regions all rows would be sent, which takes time over a slow line
+            self.refresh(*changed)
 
     @property
     def cells(self) -> tuple[int, int]:
@@ -184,3 +192,12 @@ class Plot(Widget, can_focus=False):
         inside = LEFT_CELLS <= event.x < LEFT_CELLS + columns and TOP_CELLS <= event.y < TOP_CELLS + rows
         if grabbed and grabbed[0] == (event.screen_x, event.screen_y) and inside:
             self.post_message(self.Pointed(self, *self._value(event)))
+
+
+def _changed_region(row: int, old: Strip, new: Strip) -> Region:
+    """Return the region in which two strips of a row differ."""
+    pair = [[(character, of.style) for of in strip for character in of.text] for strip in (old, new)]
+    if any(len(cells) != new.cell_length for cells in pair):  # other widths, or wide characters
+        return Region(0, row, new.cell_length, 1)
+    differ = [column for column, (was, now) in enumerate(zip(*pair, strict=True)) if was != now] or [0]
+    return Region(differ[0], row, differ[-1] - differ[0] + 1, 1)

@@ -96,6 +96,7 @@ class PagedTable(DataTable[Text]):
         self._at = 0  # offset of the cursor, once its page has been read
         self._turning = False
         self._drawn: _Drawn | None = None
+        self._subtitle = ""
         self._show_subtitle("loading …")
 
     async def fetch_rows(self, first: int, most: int) -> TableRows:
@@ -237,7 +238,9 @@ class PagedTable(DataTable[Text]):
         self._show_subtitle(text, error=True)
 
     def _show_subtitle(self, text: str, error: bool = False) -> None:
-        self.border_subtitle = Text(printable(text))
+        if text != self._subtitle:
+            self._subtitle = text
+            self.border_subtitle = Text(printable(text))  # draws all of the table anew
         self.set_class(error, "-error")
 
     def on_mount(self) -> None:
