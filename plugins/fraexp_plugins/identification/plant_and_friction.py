@@ -29,7 +29,7 @@ MAX_DEAD_TIME_STEPS, DEAD_TIME_TOLERANCE = 4, 5e-3
 """Fits of the dead time, each with the friction of the one before, and the step [samples] that is the last one."""
 
 
-class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=6):
+class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=7):
     """Friction, P̂ and the plant of eq (1) together, such that P̂ is the same at all amplitudes and phases.
 
     G_di G_do U_a = Y_a/P + F_a for each record a, at each excited line, with a 1/P of its own, and at the odd harmonics
