@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.analysis.fourier import phasors
+from fraexp.analysis.tolerances import SIGNIFICANCE
 from fraexp.data.signals import Encoder, Segment
 
 ALIKE_VARIANCE = 2.0
@@ -79,8 +80,6 @@ def _distinct_samples(segment: Segment) -> int:
     return segment.samples // math.gcd(segment.samples, *segment.lines.tolist())
 
 
-CHANCE = 0.01
-"""Chance by which noise alone passes for motion."""
 MIN_WHITENESS = 0.5
 """Mean square of the differences from sample to sample over twice the variance: 1 for noise, near 0 for what moves."""
 
@@ -106,7 +105,7 @@ def moves_visibly(segments: Sequence[Segment], channel: str) -> bool:
         lines, freedom = lines + average.size, freedom + average.size * (len(found) - 1)
     if scatter == 0.0:
         return mean > 0.0 or not lines
-    return bool(fdtrc(2 * lines, 2 * freedom, (mean / lines) / (scatter / freedom)) < CHANCE)
+    return bool(fdtrc(2 * lines, 2 * freedom, (mean / lines) / (scatter / freedom)) < SIGNIFICANCE)
 
 
 def _is_noise(samples: NDArray[np.float64]) -> bool:

@@ -180,6 +180,8 @@ def _apply_linear(estimator: Estimator, signals: Signals, experiment: Plain) -> 
         raise PluginError(f"{estimator.name} returns {result!r:.60}; expected a Result")
     if not all(isinstance(found, Finding) for found in result.findings):
         raise PluginError(f"{estimator.name} returns findings that are {result.findings!r:.60}; expected Findings")
+    wrong = [each for each in signals.findings if each.error and each not in result.findings]
+    result = result.with_findings(*wrong)  # an estimator need not pass on what is wrong with its signals
     tolerance = float(experiment.get("numerics", {}).get("tolerance", Numerics().tolerance))
     accuracy = Accuracy.parse(experiment.get("accuracy", {}), "accuracy")
     return judge(certify(estimator, signals, result, tolerance), accuracy, estimator)

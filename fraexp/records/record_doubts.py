@@ -180,8 +180,6 @@ MOTION_UNITS = ("m", "m/s", "m/s**2", "rad", "rad/s", "rad/s**2")
 """Units of what moves smoothly."""
 POSITION_UNITS = ("m", "rad", "1")
 """Units of what wraps: positions of encoders, and numbers."""
-MAX_INFLUENCE = 0.01
-"""Relative change of a response by wrong samples up to which it is ok."""
 
 
 class WrongSamples(NamedTuple):
@@ -192,22 +190,26 @@ class WrongSamples(NamedTuple):
     """Sum of what the samples differ from their neighbours [unit]; infinite where more than single ones are wrong."""
 
 
-def find_wrong_samples(segments: Sequence[Segment], units: dict[str, str]) -> tuple[tuple[Finding, ...], bool]:
-    """Return what is wrong with samples of channels, and whether that changes a response by more than a little.
+def find_wrong_samples(segments: Sequence[Segment], units: dict[str, str]) -> tuple[Finding, ...]:
+    """Return what is wrong with samples of channels, and by how much that changes a response at most.
 
     Of each channel the first finding counts, as one fault has several signs, and of all segments the first with its
     kind. Of a record that does not repeat, only spikes and wraps can be seen.
     """
     asked = [(segment, name, _wrong_samples(segment, name, units[name])) for segment in segments for name in units]
-    found = [(segment, name, wrong) for segment, name, wrong in asked if wrong]
-    first = {(name, wrong.finding.kind): wrong.finding for _, name, wrong in reversed(found)}
-    return tuple(first.values())[::-1], any(_influence(*each) > MAX_INFLUENCE for each in found)
+    first: dict[tuple[str, str], Finding] = {}
+    for segment, name, wrong in asked:
+        if wrong is not None:
+            earlier = first.setdefault((name, wrong.finding.kind), wrong.finding)
+            error = max(_influence(segment, name, wrong), earlier.error)
+            first[name, wrong.finding.kind] = replace(earlier, error=error)
+    return tuple(first.values())
 
 
 def _influence(segment: Segment, name: str, wrong: WrongSamples) -> float:
-    """Return by how much the samples change the phasors of a channel, relative to the usual one of its lines."""
+    """Return by how much the samples change the usual phasor of a channel at its lines, relative to it, 1 at most."""
     usual = float(np.median(np.abs(phasors(segment, name).mean(axis=0))))
-    return 2 * wrong.deviation / segment.channels[name].size / usual if usual else np.inf
+    return min(2 * wrong.deviation / segment.channels[name].size / usual, 1.0) if usual else 1.0
 
 
 def _wrong_samples(segment: Segment, name: str, unit: str) -> WrongSamples | None:

@@ -160,11 +160,11 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
         own = [plain for plain in record["segments"] if plain.get("part", 0) == number]
         found += [_load_segment(Cut.from_plain(plain), values, part["channels"], path) for plain in own]
     units = {name: str(channel["unit"]) for name, channel in parts[0]["channels"].items()}
-    wrong, do_harm = find_wrong_samples(found, units)
+    wrong = find_wrong_samples(found, units)
     unexpected = column_doubts(found, cuts, units, record.get("controller"))
     are_doubtful = bool(unexpected) or any(2 * cut.doubtful > len(cut.lines) for cut in cuts)
     still, moving = _standstill(found, units), _unsettled(cuts)
-    causes = {Outcome.NO_MOTION: still, Outcome.NOT_SETTLED: moving, Outcome.INACCURATE: do_harm or are_doubtful}
+    causes = {Outcome.NO_MOTION: still, Outcome.NOT_SETTLED: moving, Outcome.INACCURATE: are_doubtful}
     outcome = next((of for of, cause in causes.items() if cause), Outcome.OK)
     findings = remarks(still, moving, *unexpected, *messages, *implausible_units(found, units), *wrong)
     return Signals(tuple(found), units, outcome, findings)

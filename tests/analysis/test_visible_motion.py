@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from fraexp.analysis.quantisation import CHANCE, moves_visibly
+from fraexp.analysis.quantisation import moves_visibly
+from fraexp.analysis.tolerances import SIGNIFICANCE
 from fraexp.data.signals import Segment
 
 TIME = np.arange(200)
@@ -17,7 +18,7 @@ def test_noise_seldom_passes_for_motion_and_motion_does(lines: tuple[int, ...], 
         for _ in range(2000):
             position = amplitude * wave + random.standard_normal((periods, TIME.size))
             seen[amplitude] += moves_visibly([Segment(1e-3, {"y": position}, np.array(lines))], "y")
-    assert seen[0.0] <= 2000 * CHANCE + 4 * np.sqrt(2000 * CHANCE)
+    assert seen[0.0] <= 2000 * SIGNIFICANCE + 4 * np.sqrt(2000 * SIGNIFICANCE)
     assert seen[10.0] == 2000
 
 

@@ -444,7 +444,7 @@ class LawReport:
             )
 
     def _plant_doubts(self, plant: IdentifiedPlant) -> Iterator[Finding | str]:
-        yield from (each for each in plant.fit.findings if each.error)
+        yield from (each for each in plant.fit.findings if each.error > 10 * MAX_SCATTER)
         if plant.cost > MAX_PLANT_COST:
             yield (
                 f"a rigid body with modes leaves {np.sqrt(plant.cost):.2g} times as much of the response as its errors "

@@ -97,7 +97,7 @@ class LawSearch:
             trials,
             x_scale=SHAPE_STEP,
             diff_step=COARSE_DIFFERENCE,
-            ftol=CONVERGED**2,
+            ftol=CONVERGED / 10,
             gtol=ROUNDING,
             loss="soft_l1" if is_robust else "linear",
         )
