@@ -75,7 +75,9 @@ def windows(monkeypatch) -> dict[int, int]:
 
     def advance(laws, jobs, pool, budget):
         status = original(laws, jobs, pool, budget)
-        for period, count in zip(jobs.jobs["period"].tolist(), jobs.results["windows"].tolist(), strict=True):
+        for period, count in zip(
+            jobs.arrays.jobs["period"].tolist(), jobs.arrays.results["windows"].tolist(), strict=True
+        ):
             found[period] = max(count, found.get(period, 0))
         return status
 

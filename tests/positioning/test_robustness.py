@@ -18,7 +18,7 @@ def workspace(tmp_path_factory):
     found = WorkspaceService.open(folder)
     *_, ended = found.run(["positioning/robustness"], executor="serial", overrides=[f"monte_carlo.count={COUNT}"])
     assert ended.state == "complete"
-    assert [path.name for path in ended.figures] == ["robustness.png"]
+    assert [path.name for path in ended.figures] == [f"robustness_monte_carlo.count={COUNT}.png"]
     return found
 
 
