@@ -129,7 +129,8 @@ def method_for(sections: Mapping[str, Any], name: str) -> Estimator:
     if name == "effective_input":
         delays = ("input_dead_time", "output_dead_time", "input_time_constants")
         spec |= {key: loop[key] for key in delays if key in loop}
-        spec |= {"friction": sections["friction"], "noise": NOISE_M, "force_std": 0.0, "displacement_std": 0.0}
+        spec |= {"friction": sections["friction"], "noise": NOISE_M, "force_std": 0.0}
+        spec |= {"displacement_std": 0.0, "dead_time_std": 0.0}
         spec |= {"interpolation_tolerance": NUMERICS["tolerance"]}
     return create(REGISTRY, Estimator, spec)
 
