@@ -58,8 +58,10 @@ def test_a_spring_of_friction_is_no_mode():
     omega = 2 * np.pi * FREQUENCY
     modes = TWO.response(omega) + 0.132 / omega**2  # without the rigid body
     sprung = 0.132 / (-(omega**2) + 2j * 0.9 * 13 * omega + 13**2) + modes
+    response = replace(measured(noise=0.0), response=sprung * measured().response / measured(noise=0.0).response)
     with pytest.raises(RecordError, match=r"whatever its number of modes.*a rigid body .* may be 0.*min_frequency"):
-        fitted(replace(measured(noise=0.0), response=sprung * measured().response / measured(noise=0.0).response))
+        fitted(response, fit_ground=False)
+    assert "friction looks alike" in fitted(response).message
 
 
 def test_a_mode_outside_of_the_band_that_is_uncertain_is_dropped_or_reported():
@@ -76,16 +78,17 @@ def test_a_mode_outside_of_the_band_that_is_well_determined_is_kept():
     """One mode at 400 Hz whose antiresonance at 270 Hz lies within the band; the response is that of eq (1)."""
     plant = Modal(rigid_body_gain=0.132, frequencies=(400.0,), damping_ratios=(0.02,), modal_gain_ratios=(1.2,))
     truth = np.array([0.132, 400.0, 0.02, 1.2])
-    inside = []
+    inside, doubts = [], []
     for seed in range(12):
         response = measured(plant, known=True, frequency=np.geomspace(5, 300, 100), seed=seed, dead_time=0.0)
         result = fitted(response, dead_time=0.0)
         fit = result.fits[0]
-        assert not result.message
+        doubts += [result.message] * bool(result.message)
         assert fit.values[:4] == pytest.approx(truth, rel=0.04)
         assert fit.values[:2] == pytest.approx(truth[:2], rel=4e-3)
         inside.append(np.abs(fit.values[:4] - truth) < 1.96 * fit.standard_deviation[:4])
     assert np.mean(inside) > 0.8
+    assert len(doubts) <= 1, "residuals that are not white at 1 %, by chance"
 
 
 def test_a_fit_that_leaves_much_unexplained_is_not_ok():
