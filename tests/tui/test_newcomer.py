@@ -71,7 +71,7 @@ def test_the_first_minute_is_as_the_readme_tells(terminal: Terminal, tmp_path: P
     terminal.shows("conventional", "effective_input", "12 N", "75 N", "dB")
     terminal.until(lambda shown: sum("⠁" <= letter <= "⣿" for letter in shown) > 50)  # of which curves are drawn
     terminal.type("d")
-    terminal.shows("fraexp plot", "difference")
+    terminal.shows("fraexp plot", "against P(jω)")
     terminal.type("q")
     terminal.shows("left with 0")
     with Store.open(str(tmp_path / "results.db"), read_only=True) as store:
