@@ -38,8 +38,6 @@ PLACEHOLDERS = ("HZ", "OUTPUT/INPUT")
 """What a proposal has for what the user must state."""
 CUTTING_KEYS = {"samples_per_period", "period_time", "steps", "frequency_column", "segments", "periodic"}
 """Keys of [record] that say what repeats itself, of which one is given."""
-GIVEN_POWER = 0.3
-"""Mean sine of the phase of position over force, from which a sign is wrong: 0 of a free mass, below with friction."""
 JOINT, PLANT, SLIDING = "plant_and_friction", "modal_fit", "friction_identification"
 
 
@@ -51,7 +49,7 @@ class RecordLook(NamedTuple):
     frequencies: tuple[float, ...]
     """Excited frequencies [Hz], ascending; empty for a record that does not repeat itself."""
     amplitudes: tuple[float, ...]
-    """Median amplitude of the input in each file [its unit]; of a stated response without one it is NaN."""
+    """Median amplitude of the input in each file [its unit]; empty where the record does not repeat itself."""
     levels: int
     """Number of amplitudes at a frequency that are further apart than `LEVEL_RATIO`, the median over frequencies."""
     resolution: float
@@ -129,30 +127,9 @@ def look_at(request: ImportRequest, registry: Registry) -> RecordLook:
     by_file: dict[int, list[Segment]] = defaultdict(list)
     for plain, segment in zip(experiment["record"]["segments"], signals.segments, strict=True):
         by_file[plain.get("part", 0)].append(segment)
-    for file, segments in zip(request.files, by_file.values(), strict=False):
-        _check_sign(file, segments, source, position)
     sizes = (np.median([line_amplitude(segment, source) for segment in segments]) for segments in by_file.values())
     levels = _level_count(signals, source)
     return RecordLook(units[0], _frequencies(signals), tuple(map(float, sizes)), levels, _rounded(min(steps)))
-
-
-def _check_sign(file: Path, segments: Sequence[Segment], source: str, position: str) -> None:
-    """Raise RecordError if an axis gives power to its force at its lowest frequencies, where delays matter least."""
-    turns = [
-        (frequency, np.sin(np.angle(ratio)))
-        for segment in segments
-        for frequency, ratio in zip(
-            segment.frequency,
-            phasors(segment, position).mean(axis=0) * phasors(segment, source).mean(axis=0).conj(),
-            strict=True,
-        )
-    ]
-    lowest = [turn for _, turn in sorted(turns)[: (len(turns) + 2) // 3]]
-    if np.mean(lowest) > GIVEN_POWER:
-        raise RecordError(
-            f"{file}: at the lowest frequencies the axis gives power to the force, which friction never does; correct "
-            "the sign of input or position in this file (of all files: 'u=COLUMN * -1 [UNIT]')"
-        )
 
 
 def _rounded(value: float) -> float:

@@ -87,7 +87,6 @@ def test_a_listing_that_leaves_something_open_is_refused(tmp_path: Path) -> None
         (["low", "low"], {}, ["twice"]),
         (["low"], {"u": "force"}, ["position"]),
         (["low"], {"u": "position", "y": "force"}, ["m", "N"]),
-        (["low", "high"], {"u": "force * -1 [N]", "y": "position"}, ["low.csv", "sign"]),
     ],
 )
 def test_records_that_are_none_of_one_axis_are_refused(
