@@ -72,7 +72,9 @@ def with_channels(request: ImportRequest, registry: Registry) -> ImportRequest:
     """
     _check_files(request.files)
     proposal = propose_files({file: list_contents(file, registry) for file in request.files}, registry)
-    if not request.channels and (proposal.needs or proposal.levels):
+    is_open = any("UNIT]" in text or text.startswith("COLUMN") for text in proposal.channels.values())
+    is_open |= any(value in PLACEHOLDERS and key not in request.options for key, value in proposal.options.items())
+    if not request.channels and (is_open or proposal.levels):
         needs = proposal.needs or ["the columns are those of several levels: leave out {level}, and choose one"]
         given = proposal.command.removeprefix("fraexp import ")
         raise RecordError(f"{request.files[0]}: {'; '.join(needs)}; give the options of: fraexp identify {given}")
@@ -112,7 +114,8 @@ def look_at(request: ImportRequest, registry: Registry) -> RecordLook:
         return RecordLook("", _frequencies(signals), (), 1, 0.0)
     channels = [name for name in request.channels if name not in INJECTED_CHANNELS]
     if len(channels) < 2:
-        raise RecordError(f"{request.files[0]}: {channels[0]} is the only channel; name the position, too: y=COLUMN")
+        found = f"{channels[0]} is the only channel" if channels else "neither input nor position is a channel"
+        raise RecordError(f"{request.files[0]}: {found}; name both: u=COLUMN and y=COLUMN")
     source, position = channels[:2]
     units = signals.units[source], signals.units[position]
     if units not in LOOP_UNITS:

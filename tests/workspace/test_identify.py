@@ -85,7 +85,8 @@ def test_a_listing_that_leaves_something_open_is_refused(tmp_path: Path) -> None
     ("names", "channels", "words"),
     [
         (["low", "low"], {}, ["twice"]),
-        (["low"], {"u": "force"}, ["position"]),
+        (["low"], {"u": "force"}, ["y=COLUMN"]),
+        (["low"], {"excitation": "force"}, ["u=COLUMN"]),
         (["low"], {"u": "position", "y": "force"}, ["m", "N"]),
     ],
 )
