@@ -5,7 +5,10 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
+from itertools import count
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -13,6 +16,7 @@ import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
+from fraexp.components.machine_session import PlayRequest
 from fraexp.data.results import Result
 from fraexp.data.sample_file import read_header
 from fraexp.errors import FraexpError, MachineError, ParameterError, PlanError, StudyError
@@ -297,6 +301,33 @@ def test_another_machine_or_setting_does_not_continue_a_measurement(workspace: W
 def events_of(log: Path) -> list[dict[str, Any]]:
     text = log.read_text() if log.exists() else ""
     return [json.loads(line) for line in text.splitlines() if line.endswith("}")]
+
+
+def test_wherever_who_measures_is_interrupted_the_machine_comes_to_rest(workspace: WorkspaceService) -> None:
+    log = workspace.folder / "machine.log"
+    service = MeasurementService(workspace, "axis", [f'measurement.machine={{name="simulated", log="{log}"}}'])
+    with service.plans()[0].task.settings.machine.connect(workspace.folder) as session:
+        for sent in (2, 3, 4):  # the order to play is the first
+            with pytest.raises(KeyboardInterrupt):
+                interrupted_after(sent, lambda: [*session.play(PlayRequest(0, np.ones(1000), 1000))])
+            wait_until(lambda: [event["event"] for event in events_of(log)[-1:]] == ["rest"])
+    assert [event["event"] for event in events_of(log)] == ["play", "rest"] * 3
+
+
+def interrupted_after(writes: int, call: Callable[[], object]) -> None:
+    """Call, and interrupt the call as soon as it has written to a file or socket so many times."""
+    written = count(1)
+
+    def interrupt(frame: FrameType, event: str, function: object) -> None:
+        if (event, function) == ("c_return", os.write) and next(written) == writes:
+            sys.setprofile(None)
+            raise KeyboardInterrupt
+
+    sys.setprofile(interrupt)
+    try:
+        call()
+    finally:
+        sys.setprofile(None)
 
 
 @pytest.mark.thorough

@@ -32,16 +32,16 @@ class MessageStream:
         self.close = self.connection.close
 
     def send(self, table: dict[str, Any], numbers: NDArray[np.float64] | None = None) -> None:
-        """Send a message."""
-        self.connection.send_bytes(json.dumps(table).encode())
-        self.connection.send_bytes(b"" if numbers is None else np.ascontiguousarray(numbers, "<f8").tobytes())
+        """Send a message in one piece: between two pieces the sender may be interrupted, and send a stop instead."""
+        more = b"" if numbers is None else np.ascontiguousarray(numbers, "<f8").tobytes()
+        self.connection.send_bytes(json.dumps(table).encode() + b"\n" + more)
 
     def receive(self, timeout: float) -> Message | None:
         """Return the next message, or None if none comes within `timeout` [s]."""
         try:
             if not self.connection.poll(timeout):
                 return None
-            table, numbers = self.connection.recv_bytes(), self.connection.recv_bytes()
+            table, _, numbers = self.connection.recv_bytes().partition(b"\n")
         except EOFError:
             raise ConnectionError("closed by the other side") from None
         return json.loads(table), np.frombuffer(numbers, "<f8").copy()
