@@ -1,4 +1,4 @@
-"""Friction in N m over rad: of a simulated bench it is found, of a measured one without friction it is refused."""
+"""Friction in N m over rad: that of a simulated bench is found, hardly any of a measured one is not identifiable."""
 
 from pathlib import Path
 
@@ -29,13 +29,12 @@ def test_rolling_elements_and_a_law_are_found_in_the_units_of_the_axis(tmp_path:
 
 @pytest.mark.skipif(not BENCH.exists(), reason="the measured record is not beside this checkout")
 @pytest.mark.parametrize("law", ["rolling", "gms"])
-def test_a_bench_without_friction_is_refused_with_the_reason(tmp_path: Path, law: str) -> None:
-    """Bearings take hundredths of a newton metre there: over the whole stroke the torque rises as that of a spring."""
+def test_of_a_bench_with_hardly_any_friction_no_friction_is_identified(tmp_path: Path, law: str) -> None:
+    """Bearings take hundredths of a newton metre there: the model's error is near that."""
     channels = {"u": "iq_adx * 0.07 [N m]", "y": "theta_mx [rad]"}
     record = fraexp.read_record(BENCH, channels, sample_rate=2500, samples_per_period=2500, skip_periods=1)
-    with pytest.raises(
-        fraexp.FraexpError, match=r"rise of the force over it 0\.0\d+ N m, force at its end 0\.0\d+ N m; record"
-    ):
-        fraexp.Workspace(tmp_path).estimate(
-            record, {"name": "friction_identification", "laws": [law], "thrust": "u", "displacement": "y"}
-        )
+    spec = {"name": "friction_identification", "laws": [law], "thrust": "u", "displacement": "y"}
+    result = fraexp.Workspace(tmp_path).estimate(record, spec)
+    (found,) = [each for each in result.findings if each.place == "Coulomb force"]
+    assert result.outcome == "inaccurate"
+    assert found.kind == "not identifiable" and found.error > 1  # the interval is wider than the force

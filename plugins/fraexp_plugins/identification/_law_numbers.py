@@ -234,7 +234,10 @@ class LawNumbers:
 
     def model(self, coordinates: NDArray[np.float64], force_scale: float = 1.0, viscous: float = 0.0) -> FrictionModel:
         """Return the model with these numbers; ParameterError for what the law does not allow."""
-        values = self.values(coordinates, force_scale)
+        with np.errstate(over="ignore", invalid="ignore"):
+            values = self.values(coordinates, force_scale)
+        if not np.isfinite(values).all():  # a search follows a number that nothing determines to any size
+            raise ParameterError(f"{type(self.start).name}: a number is too large")
         named = {each.name: float(value) for each, value in zip(self.numbers, values, strict=True)}
         return type(self.start)(**{**self._fields(named), **({VISCOUS: viscous} if self.has_viscous else {})})
 

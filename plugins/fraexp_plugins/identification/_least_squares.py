@@ -73,13 +73,17 @@ def minimise(
 
     What is linear is eliminated in the residuals (variable projection: G. H. Golub and V. Pereyra, SIAM J. Numerical
     Analysis 10(2), 1973, doi 10.1137/0710036). Without a Jacobian differences are taken. `options` are those of
-    `scipy.optimize.least_squares`.
+    `scipy.optimize.least_squares`. Where no parameter changes the residuals, as of a law
+    without force, the start is returned.
     """
     from scipy.optimize import least_squares  # slow to import: only when something is estimated
 
+    start = np.clip(start, *bounds)
+    if jacobian is not None and not jacobian(start).any():
+        return start, True
     known = {"jac": jacobian} if jacobian is not None else {}
     settings = {"x_scale": "jac", "ftol": ROUNDING, "xtol": ROUNDING, "gtol": None, **known, **options}
-    found = least_squares(residuals, np.clip(start, *bounds), bounds=bounds, max_nfev=evaluations, **settings)
+    found = least_squares(residuals, start, bounds=bounds, max_nfev=evaluations, **settings)
     return found.x, bool(found.status > 0)
 
 
