@@ -275,8 +275,7 @@ COMMANDS = {
         "plot a run or sweeps to a figure file",
         _option("ids ID", ID_HELP, nargs="*"),
         FILTER,
-        _option("-o --output FILE", "figure to write: .png, .svg or .pdf", type=Path),
-        _switch("--terminal", "draw a figure into the terminal, in braille"),
+        _output("figure to write: .png, .svg or .pdf"),
         _option("--title", "title of the figure", default=""),
         _option(
             "--kind KIND",

@@ -23,7 +23,7 @@ COMMANDS = (
     ["list"], ["list", "--sweeps"], ["list", "state:unusable"], ["list", "--studies"], ["show", "1"], ["show", "2"],
     ["show", "KEY"], ["show", "KEY", "--points"], ["compare", "1"], ["compare", "2"], ["compare", "2", "--all"],
     ["compare", "1", "--against", "plant"], ["plugins"], ["show", "nothing-of-that-name"],
-    ["plot", "1", "--terminal"], ["list", "--sort", "stretched"],
+    ["list", "--sort", "stretched"],
     ["tag", "1", "a tag that is wrong"],
 )  # fmt: skip
 
