@@ -161,9 +161,6 @@ RECORD_OPTIONS = (
     _option("--min-frequency HZ", "lowest excited frequency", type=float),
     _option("--max-frequency HZ", "highest excited frequency", type=float),
     _option(
-        "--harmonic-step COUNT", "step between excited harmonics, from --min-frequency to --max-frequency", type=int
-    ),
-    _option(
         "--harmonics N,...",
         "excited harmonics, such as 1,3,7-15",
         type=_list_parser(_harmonics, "harmonics such as 1,3,7-15"),

@@ -10,7 +10,7 @@ from fraexp.errors import FraexpError
 from fraexp.figures.elements.stamp import check_folder, check_suffix
 from fraexp.figures.elements.view import View
 from fraexp.reports.published_comparisons import run_title
-from fraexp.store import Store, StoredSweep
+from fraexp.store import Store
 from fraexp.views.comparison import with_all_labels
 from fraexp.views.words import plural
 from fraexp.workspace.workspace_service import WorkspaceService

@@ -173,8 +173,7 @@ def whole_cut(settings: RecordSettings, rate: float, run: tuple[int, int], place
     """Return a run that does not repeat itself as one block.
 
     Its lines are the frequencies of the response. They begin at `min_frequency`, or at ten periods in the run, and end
-    at `max_frequency`, or at a fifth of the sample rate. `harmonic_step` takes every so many of them; without it they
-    are spaced evenly over the logarithm of the frequency.
+    at `max_frequency`, or at a fifth of the sample rate, and are spaced evenly over the logarithm of the frequency.
     """
     start = run[0] + round(settings.skip_time * rate)
     samples = run[1] - start
@@ -198,10 +197,7 @@ def whole_cut(settings: RecordSettings, rate: float, run: tuple[int, int], place
             f"{place}: no frequency between {first * rate / samples:.4g} and {last * rate / samples:.4g} Hz can be "
             f"resolved; expected min_frequency below max_frequency, and that below {rate / 2:g} Hz"
         )
-    if settings.harmonic_step:
-        lines = np.arange(first, last + 1, settings.harmonic_step)
-    else:
-        lines = np.unique(np.rint(np.geomspace(first, last, MAX_APERIODIC_LINES)).astype(int))
+    lines = np.unique(np.rint(np.geomspace(first, last, MAX_APERIODIC_LINES)).astype(int))
     return Cut(start, 1, samples, 1, 1 / rate, tuple(lines.tolist()), periodic=False)
 
 

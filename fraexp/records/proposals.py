@@ -2,7 +2,7 @@
 
 import re
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -29,45 +29,6 @@ from fraexp.records.repeats import detect_period
 from fraexp.records.resampling import plan_clock, resample
 from fraexp.records.stated_response import CARTESIAN, POLAR, is_response_unit
 from fraexp.records.timebase import examine_stamps, sample_rate_of, stamps_text
-
-LOWEST_LINES = 3
-"""Excited lines that are looked at, the lowest ones: below the first resonance both ends of a drive move together."""
-EXCITED_SHARE = 0.05
-"""Share of the strongest line from which a line counts as excited."""
-MAX_ANGLE_RAD = np.deg2rad(15.0)
-"""Greatest deviation from opposite motion."""
-MAX_RATIO = 2.0
-"""Greatest ratio of the amplitudes, either way: more is no motion as one body."""
-
-
-def opposite_pairs(columns: Mapping[str, NDArray[np.float64]], source: str, period: int) -> Iterator[tuple[str, str]]:
-    """Yield the first output and each other one, by name, that moves against it at the lowest excited lines.
-
-    Args:
-        columns: samples of the input `source` and of the outputs, each of shape (n,).
-        source: name of the input.
-        period: samples of a period.
-
-    """
-    whole = {name: values[: values.size // period * period] for name, values in columns.items()}
-    spectra = {name: np.fft.rfft(of.reshape(-1, period).mean(0))[1:] for name, of in whole.items() if of.size}
-    if source not in spectra or len(spectra) < 2:
-        return
-    strength = np.abs(spectra.pop(source))
-    lines = np.flatnonzero(strength > EXCITED_SHARE * strength.max())[:LOWEST_LINES]
-    first, *others = spectra
-    for other in others:
-        if spectra[other].size == spectra[first].size and _is_opposite(spectra[other][lines], spectra[first][lines]):
-            yield first, other
-
-
-def _is_opposite(one: NDArray[np.complex128], other: NDArray[np.complex128]) -> bool:
-    if not (np.all(one) and np.all(other)):
-        return False
-    ratio = -one / other
-    size = np.abs(np.log(np.abs(ratio)))
-    return bool(np.all(np.abs(np.angle(ratio)) < MAX_ANGLE_RAD) and np.all(size < np.log(MAX_RATIO)))
-
 
 NUMBERED_NAME = re.compile(r"^(?P<head>.*?)(?P<number>\d+)(?P<tail>\D*)$")
 MAX_OUTPUTS = 4
@@ -379,8 +340,6 @@ class _Source:
             return
         every = f"every {period} samples" + (f" ({period / rate:.6g} s)" if rate else "")
         proposal.findings.append(f"'{chosen.name}' repeats {every}, by its autocorrelation")
-        if time is None:
-            self._find_opposite_outputs(chosen, table, period)
         if "resample" in proposal.options and rate:
             proposal.options["period_time"] = float(f"{period / rate:.6g}")
         else:
@@ -401,16 +360,6 @@ class _Source:
             f"'{column}' is constant for a while at {len(steps)} values: it is a stepped sine's frequency"
         )
         return True
-
-    def _find_opposite_outputs(self, chosen: FileContent, table: RecordTable, period: int) -> None:
-        """Say which outputs move against each other at the lowest frequencies."""
-        alike = [one for one in _inputs_and_outputs(self.found)[1] if one.column in table.columns]
-        columns = {one.column: table.columns[one.column] for one in (chosen, *alike)}
-        for first, other in opposite_pairs(columns, chosen.column, period):
-            self.proposal.findings.append(
-                f"'{other}' moves against '{first}' at the lowest frequencies: if both should count in one direction, "
-                f"write '{other} * -1' for it"
-            )
 
     def _time_of(self, chosen: FileContent, table: RecordTable) -> NDArray[np.float64] | None:
         """Return the time stamps of the input [s], if the file has some."""

@@ -112,12 +112,6 @@ class RecordSettings(Parameters):
     skip_time: float = param("s", "time dropped at the start of the record, or of each step", 0.0, at_least=0)
     min_frequency: float | None = param("Hz", "lowest excited frequency", None, above=0)
     max_frequency: float | None = param("Hz", "highest excited frequency", None, above=0)
-    harmonic_step: int | None = param(
-        "1",
-        "every how many harmonics one is excited, from min_frequency to max_frequency; found if absent",
-        None,
-        at_least=1,
-    )
     harmonics: tuple[int, ...] = param("1", "excited harmonics of the period, if they are not to be found", ())
     max_phase_slip: float = param(
         "1", "greatest phase slip of a block of whole periods, in periods", 1e-3, above=0, below=0.1
@@ -234,7 +228,7 @@ RESPONSE_KEYS = ("response_unit", "input_amplitude", "averages")
 """Keys of a response that was measured elsewhere."""
 COMMON_KEYS = ("file", "join_files", "reader", "channels", "level", "realisations")
 """Keys of a response and of samples over time."""
-LINE_KEYS = ("periods_per_realisation", "harmonics", "harmonic_step", "min_frequency", "max_frequency")
+LINE_KEYS = ("periods_per_realisation", "harmonics", "min_frequency", "max_frequency")
 UNUSED_KEYS = {
     "steps": LINE_KEYS,
     "frequency_column": LINE_KEYS,

@@ -355,20 +355,15 @@ def find_doubtful_lines(cuts: Sequence[Cut]) -> Finding | None:
 def select_lines(settings: RecordSettings, cut: Cut, values: Mapping[str, NDArray[np.float64]], place: str) -> Cut:
     """Return the cut with its excited harmonics: those stated, otherwise those that are found in the injected signal.
 
-    `harmonics`, or `harmonic_step` from `min_frequency` to `max_frequency`, state them; RecordError if nothing is
-    injected there. Without a channel for the injected signal they are found in the input, where they must be stronger
-    than the lines of friction.
+    RecordError if nothing is injected at one that is stated. Without a channel for the injected signal they are found
+    in the input, where they must be stronger than the lines of friction.
     """
     _check_statement(settings, cut, place)
     last = (cut.samples - 1) // 2
     base = cut.periods / (cut.samples * cut.sample_time)
     lowest = max(math.ceil((settings.min_frequency or 0.0) / base - 1e-6), 1)
     highest = math.floor(settings.max_frequency / base + 1e-6) if settings.max_frequency else last // cut.periods
-    stated = sorted(
-        set(
-            settings.harmonics or (range(lowest, highest + 1, settings.harmonic_step) if settings.harmonic_step else ())
-        )
-    )
+    stated = sorted(set(settings.harmonics))
     lines = [line * cut.periods for line in stated]
     band = (lowest * cut.periods, highest * cut.periods)
     found = ExcitedLines(lines) if stated else _find_lines(settings, cut, values, band, place)
@@ -419,12 +414,8 @@ def _check_share(lines: Sequence[int], blocks: NDArray[np.float64], name: str, p
 
 
 def _check_statement(settings: RecordSettings, cut: Cut, place: str) -> None:
-    if settings.harmonics and (settings.harmonic_step or settings.min_frequency or settings.max_frequency):
-        raise RecordError(f"{place}: expected either harmonics, or min_frequency, max_frequency and harmonic_step")
-    if settings.harmonic_step and not (settings.min_frequency and settings.max_frequency):
-        raise RecordError(
-            f"{place}: harmonic_step is given without min_frequency and max_frequency; give both, or harmonics"
-        )
+    if settings.harmonics and (settings.min_frequency or settings.max_frequency):
+        raise RecordError(f"{place}: expected either harmonics, or min_frequency and max_frequency")
     if settings.max_frequency and settings.max_frequency > 0.5 / cut.sample_time:
         raise RecordError(
             f"{place}: max_frequency is {settings.max_frequency:.4g} Hz; expected at most half the sample rate, "
@@ -453,7 +444,7 @@ def _check_excited(lines: list[int], blocks: NDArray[np.float64], spacing: float
         raise RecordError(
             f"{place} does not excite {lines[first] * spacing:.6g} Hz (harmonic "
             f"{lines[first] // periods}), with {share[first]:.1e} of the strongest line{more}; "
-            "correct harmonics, or leave out harmonic_step"
+            "correct harmonics, or leave them out"
         )
 
 

@@ -99,7 +99,7 @@ def resolve(settings: RecordSettings, base_folder: Path, registry: Registry) -> 
     inputs = [blocks for part in parts for blocks in part.blocks(settings.reference)]
     if len(cuts) > 1 and not (settings.steps or settings.frequency_column or settings.segments):
         check_levels(cuts, inputs, settings.reference, parts[0].path.name)
-        cuts = cuts if settings.harmonics or settings.harmonic_step else common_lines(cuts)
+        cuts = cuts if settings.harmonics else common_lines(cuts)
     segments = [cut.as_plain() for cut in cuts]
     first = parts[0]
     record: PlainTable = {"reader": first.reader, "sample_rate": first.rate, "segments": segments}

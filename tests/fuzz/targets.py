@@ -89,7 +89,7 @@ RECORDS: tuple[dict[str, Any], ...] = (
     PERIODIC | {"channels": {"u": "u", "y": {"column": "y", "scale": -1.0}}, "time_column": "t"},
     SECTION | {"file": ["a.csv"], "sample_rate": 100.0, "period_time": "0.1 s", "skip_periods": 1},
     SECTION | {"time_column": "t", "steps": [{"start": 0.0, "stop": 1.0, "frequency": 10}]},
-    SECTION | {"periodic": False, "min_frequency": 5.0, "max_frequency": 20.0, "harmonic_step": 2},
+    SECTION | {"periodic": False, "min_frequency": 5.0, "max_frequency": 20.0},
     PERIODIC | {"segment_column": "level", "harmonics": [1, 2, 3]},
     PERIODIC | {"select": "level = {level}", "level": 1, "periods_per_realisation": 2},
 )

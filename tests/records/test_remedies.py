@@ -176,11 +176,6 @@ CASES = {
     "levels without a placeholder's value": Case(
         write_levels, CLOCKED, r"give level \(--level\)", [*CLOCKED, "--level", "1", "--level", "2"],
     ),
-    "harmonics with steps": Case(
-        csv(wave()), [*CLOCKED, "--harmonic-step", "2"],
-        r"given without min_frequency and max_frequency; give both",
-        [*CLOCKED, "--harmonic-step", "2", "--min-frequency", "5", "--max-frequency", "100"],
-    ),
     "above Nyquist": Case(
         csv(wave()), [*CLOCKED, "--min-frequency", "5", "--max-frequency", "600"],
         r"expected at most half the sample rate, 500 Hz",
