@@ -125,7 +125,7 @@ class Waves:
     def columns(self, record: FrictionRecord) -> Iterator[NDArray[np.float64]]:
         """Yield the waves along a record one by one, each of shape (n,): all of a long record are too much at once."""
         phase = 2 * np.pi * (record.displacement - self.first) / self.length
-        for sign in (np.ones_like(phase), np.sign(record.velocity())):
+        for sign in (np.ones_like(phase), np.sign(record.velocity)):
             for function in (np.cos, np.sin):
                 for number in range(1, WAVES + 1):
                     yield sign * function(number * phase)
@@ -407,7 +407,7 @@ class FrictionFit:
     @cached_property
     def covariance(self) -> NDArray[np.float64]:
         """Covariance of the numbers: with the residual's correlation, errors of the model, and what is not known."""
-        residuals = self.problem.observation.successive(self.problem.fitted(self.residuals))
+        residuals = [] if self.problem.observation.is_independent else self.problem.fitted(self.residuals)
         count = self.point.size + (0.0 if self.stroke is None else self.stroke.waves * self.problem.rows_per_noise)
         variance = max(long_run_variance(residuals, count), self.white_variance)
         if self.has_model_error:
@@ -445,9 +445,9 @@ class FrictionFit:
 
     def beside_stroke_force(self) -> "FrictionFit":
         """Return the fit beside a force along the stroke, such as cogging, if that explains most of the error."""
-        waves, seen = Waves.along(self.problem.records), self.problem.observation
+        waves = Waves.along(self.problem.records)
         columns = [
-            np.hstack([seen.friction(record, wave[:, None])[rows.place] for wave in waves.columns(record)])
+            np.column_stack([rows.weights.friction @ wave for wave in waves.columns(record)])
             for record, rows in zip(self.problem.records, self.rows, strict=True)
         ]
         residual, per_noise = np.concatenate(self.residuals), self.problem.rows_per_noise

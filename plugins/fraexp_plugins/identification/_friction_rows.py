@@ -1,4 +1,4 @@
-"""Rows of a regression: records, how friction shows in them, and the terms beside a law."""
+"""Records of force and motion, and the rows of a regression that they give."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -6,36 +6,27 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from math import comb
 from statistics import NormalDist
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Finding, Quantity, RecordError, Segment, Signals
+from fraexp.api import Finding, Quantity, RecordError, Segment, Signals, grid_step
 from fraexp_plugins.identification._usable_records import HELD_OUT_STEP
 
 CYCLE_STROKE_RATIO = 0.25
 """Swing over the stroke with which a reversal begins another cycle."""
-MIN_QUANTISED_RATIO = 0.9
-"""Fraction of a position's steps that are multiples of the smallest one, from which that is the quantisation step."""
-
-
-def reversals(displacement: NDArray[np.float64]) -> list[int]:
-    """Return the samples at which monotone parts of the motion end, the last sample included."""
-    change = np.diff(displacement)
-    moving = np.flatnonzero(change)
-    turns = np.flatnonzero(np.diff(np.sign(change[moving])))
-    ends = moving[turns + 1].tolist()
-    return [*ends, displacement.size - 1] if displacement.size > 1 else []
 
 
 def turning_points(displacement: NDArray[np.float64], swing: float) -> NDArray[np.int64]:
     """Return the samples at which the motion turns by more than `swing` [m], ascending, shape (turns,)."""
-    ends = np.array([0, *reversals(displacement)])
+    change = np.diff(displacement)
+    moving = np.flatnonzero(change)
+    ends = moving[np.flatnonzero(np.diff(np.sign(change[moving]))) + 1]  # of monotone parts
     found: list[int] = []
     highest = lowest = 0
     direction = 0
-    for sample in ends.tolist():
+    for sample in [*ends.tolist(), displacement.size - 1]:
         y = displacement[sample]
         highest = sample if y > displacement[highest] else highest
         lowest = sample if y < displacement[lowest] else lowest
@@ -48,7 +39,7 @@ def turning_points(displacement: NDArray[np.float64], swing: float) -> NDArray[n
     return np.array([turn for turn in found if turn > 0], dtype=int)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FrictionRecord:
     """A record without gaps, from one segment."""
 
@@ -79,8 +70,9 @@ class FrictionRecord:
         known = int(np.searchsorted(span, 2 * max_threshold * (1 - 1e-12)))
         return max(known - self.before.size, 0)
 
+    @cached_property
     def velocity(self) -> NDArray[np.float64]:
-        """Return the velocity [m/s], shape (n,)."""
+        """Velocity [m/s], shape (n,)."""
         if self.periodic:
             omega = 2 * np.pi * np.fft.rfftfreq(self.displacement.size, self.sample_time)
             return np.fft.irfft(1j * omega * np.fft.rfft(self.displacement), self.displacement.size)
@@ -139,20 +131,14 @@ def _cycles(displacement: NDArray[np.float64], periods: int) -> NDArray[np.int64
 
 def quantisation_step(records: Sequence[FrictionRecord]) -> float:
     """Return the quantisation step of the encoder [m] that the positions show; 0 if they show none."""
-    steps = np.abs(np.concatenate([np.diff(record.displacement) for record in records]))
-    largest = float(steps.max())
-    moving = steps[steps > 1e-9 * largest]
-    smallest = float(np.percentile(moving, 1))
-    multiples = moving / smallest
-    whole = float(np.mean(np.abs(multiples - np.rint(multiples)) < 0.02))
-    has_constant_velocity = largest < 1.5 * smallest and moving.size > MIN_QUANTISED_RATIO * steps.size
-    return smallest if whole > MIN_QUANTISED_RATIO and not has_constant_velocity else 0.0
+    step = grid_step(np.concatenate([record.displacement for record in records]))
+    change = np.abs(np.concatenate([np.diff(record.displacement) for record in records]))
+    has_constant_velocity = change.max() < 1.5 * step and np.mean(change > 0.5 * step) > 0.9
+    return 0.0 if has_constant_velocity else step
 
 
 FILTER_HALF_LENGTH_STDS = 4.0
 """Half length of the low-pass filter in its standard deviations."""
-HAT_WEIGHTS = np.array([1.0, 4.0, 1.0]) / 6
-"""Effect of a force that is linear between samples on the second difference of the position."""
 DIFFERENCE_ORDER = 8
 """Order of the differences that show noise: with half of it fast motion looks like noise."""
 HELD, EVEN = 0.0, 0.5
@@ -163,64 +149,56 @@ MAX_VELOCITY_CHANGE = 0.1
 """Relative difference of the velocities of a run's two halves up to which the velocity is constant."""
 
 
+class RowWeights(NamedTuple):
+    """The weights of a record's samples in the rows of a regression: sparse matrices of shape (rows, n)."""
+
+    force: Any
+    """Of the measured force."""
+    friction: Any
+    """Of a friction force at the samples."""
+    acceleration: Any
+    """Of the displacement [1/s²]: the acceleration that the measured force has to explain."""
+
+    def select(self, chosen: NDArray[np.bool_]) -> "RowWeights":
+        """Return the weights of some rows."""
+        return RowWeights(*(each[chosen] for each in self))
+
+    def noise(self, record: FrictionRecord, mass: float) -> float:
+        """Return the greatest standard deviation of a row's force [N] by white noise of the channels."""
+        by_force, by_motion = (
+            np.sqrt(each.power(2).sum(axis=1).max() if each.nnz else 0.0) for each in (self.force, self.acceleration)
+        )
+        return float(
+            np.hypot(white_noise(record.force) * by_force, mass * white_noise(record.displacement) * by_motion)
+        )
+
+    def rows_per_noise(self) -> NDArray[np.float64]:
+        """Return over how many rows white noise of the force is correlated, shape (rows,)."""
+        products = self.force @ self.force.T
+        return np.asarray(products.sum(axis=1)).ravel() / products.diagonal()
+
+
 class Observation(ABC):
-    """The rows of a regression that a record gives: each is a linear combination of samples."""
+    """How a record's samples give the rows of a regression."""
 
     min_rows: int = 60
     """Rows that a regression needs."""
     rows_name: str = "rows"
+    is_independent: bool = False
+    """Whether the rows are independent of each other."""
 
     @abstractmethod
-    def force(self, record: FrictionRecord) -> NDArray[np.float64]:
-        """Return the left-hand side of the regression [N], shape (rows, 1)."""
-
-    @abstractmethod
-    def friction(self, record: FrictionRecord, columns: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the regression's columns, shape (rows, p), of friction forces at the samples, shape (n, p)."""
-
-    @abstractmethod
-    def acceleration(self, record: FrictionRecord) -> NDArray[np.float64]:
-        """Return the column of the mass [m/s²], shape (rows, 1)."""
-
-    @abstractmethod
-    def noise(self, record: FrictionRecord, mass: float) -> float:
-        """Return the standard deviation of a row's force [N] by white noise of the channels."""
-
-    @abstractmethod
-    def samples(self, record: FrictionRecord) -> NDArray[np.int64]:
-        """Return the sample in the middle of each row, shape (rows,)."""
-
-    def rows_per_noise(self, record: FrictionRecord) -> float:
-        """Return over how many rows white noise of the channels is correlated."""
-        return 1.0
-
-    def successive(self, residuals: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
-        """Return the residuals of rows [N] in parts between which they are independent."""
-        return list(residuals)
+    def weights(self, record: FrictionRecord) -> RowWeights:
+        """Return the weights of the samples in the rows; RecordError for a record that is too short."""
 
 
 class MeasuredFriction(Observation):
-    """A measured friction force: each sample is a row."""
+    """A measured friction force, which accelerates nothing: each sample is a row."""
 
-    def force(self, record: FrictionRecord) -> NDArray[np.float64]:
-        """Return the measured force."""
-        return record.force[:, None]
-
-    def friction(self, record: FrictionRecord, columns: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the columns as they are."""
-        return columns
-
-    def acceleration(self, record: FrictionRecord) -> NDArray[np.float64]:
-        """Return no acceleration: measured friction accelerates nothing."""
-        return np.zeros((record.displacement.size, 1))
-
-    def noise(self, record: FrictionRecord, mass: float) -> float:
-        """Return the noise of the force."""
-        return white_noise(record.force)
-
-    def samples(self, record: FrictionRecord) -> NDArray[np.int64]:
-        """Return all samples."""
-        return np.arange(record.displacement.size)
+    def weights(self, record: FrictionRecord) -> RowWeights:
+        """Return a weight of 1 for each sample."""
+        each = _band((1.0,), 0, record.displacement.size)
+        return RowWeights(each, each, 0.0 * each)
 
 
 @dataclass(frozen=True)
@@ -229,7 +207,8 @@ class ThrustAndMotion(Observation):
 
     The second difference of the position of a mass M obeys M (y₊ - 2y + y₋)/Ts² = the mean of thrust less friction
     over two samples, weighted by a triangle: exactly, for a held thrust and a friction that is linear between samples.
-    The same filter acts on both sides, so that the noise of a differentiated encoder signal does not enter.
+    The same low-pass, a Gaussian with -3 dB at `max_frequency`, acts on both sides, so that the noise of a
+    differentiated encoder signal does not enter.
     """
 
     max_frequency: float
@@ -239,83 +218,39 @@ class ThrustAndMotion(Observation):
     lead: float = HELD
     """Samples by which the thrust comes earlier than a held one."""
 
-    def force(self, record: FrictionRecord) -> NDArray[np.float64]:
-        """Return the delayed and filtered thrust."""
+    def weights(self, record: FrictionRecord) -> RowWeights:
+        """Return the weights in low-pass filtered second differences."""
+        low_pass, size = self._low_pass(record), record.displacement.size
         delay = self.delay / record.sample_time - self.lead
         whole = int(np.floor(delay + 1e-9))
         part = max(delay - whole, 0.0)
-        weights = ((1 - part) ** 2 / 2, 0.5 + part - part**2, part**2 / 2)
-        shifted = [weight * np.roll(record.force, whole + step) for step, weight in enumerate(weights)]
-        return self._filter(record, np.sum(shifted, axis=0)[:, None])
+        late = part**2 / 2, 0.5 + part - part**2, (1 - part) ** 2 / 2
+        per_square = record.sample_time**-2
+        return RowWeights(
+            low_pass @ _band(late, -whole - 1, size),
+            low_pass @ _band((1 / 6, 4 / 6, 1 / 6), 0, size),
+            low_pass @ _band((per_square, -2 * per_square, per_square), 0, size),
+        )
 
-    def friction(self, record: FrictionRecord, columns: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the filtered effect of the columns on the second difference."""
-        before, after = np.roll(columns, 1, axis=0), np.roll(columns, -1, axis=0)
-        return self._filter(record, HAT_WEIGHTS[0] * before + HAT_WEIGHTS[1] * columns + HAT_WEIGHTS[2] * after)
+    def _low_pass(self, record: FrictionRecord) -> Any:
+        """Return the weights of the low-pass, shape (rows, n); rows are a standard deviation apart."""
+        from scipy.sparse import csr_array  # slow to import: only when something is estimated
 
-    def acceleration(self, record: FrictionRecord) -> NDArray[np.float64]:
-        """Return the filtered second difference of the position."""
-        y = record.displacement
-        second = (np.roll(y, -1) - 2 * y + np.roll(y, 1)) / record.sample_time**2
-        return self._filter(record, second[:, None])
-
-    def noise(self, record: FrictionRecord, mass: float) -> float:
-        """Return what the filter leaves of the noise of thrust and motion."""
-        taps, step = self._taps(record), np.array([1.0, -2.0, 1.0]) / record.sample_time**2
-        by_force = white_noise(record.force) * np.linalg.norm(taps)
-        by_motion = mass * white_noise(record.displacement) * np.linalg.norm(np.convolve(taps, step))
-        return float(np.hypot(by_force, by_motion))
-
-    def samples(self, record: FrictionRecord) -> NDArray[np.int64]:
-        """Return the samples on which the filter is centred."""
-        half_length, step, margin = self._filter_sizes(record)
-        return np.arange(margin + half_length, record.displacement.size - margin - half_length, step)
-
-    def rows_per_noise(self, record: FrictionRecord) -> float:
-        """Return over how many rows the low-pass correlates white noise.
-
-        White noise after a Gaussian of standard deviation s is correlated over 2 √π s.
-        """
-        return float(max(2 * np.sqrt(np.pi) * self._filter_std(record) / self._filter_sizes(record).step, 1.0))
-
-    def _taps(self, record: FrictionRecord) -> NDArray[np.float64]:
-        """Return the taps of the Gaussian low-pass, -3 dB at `max_frequency`."""
-        half_length = self._filter_sizes(record).half_length
-        taps = np.exp(-((np.arange(-half_length, half_length + 1) / self._filter_std(record)) ** 2) / 2)
-        return np.asarray(taps / taps.sum())
-
-    def _filter_std(self, record: FrictionRecord) -> float:
-        """Return the standard deviation of the low-pass in samples."""
-        return np.sqrt(np.log(2)) / (2 * np.pi * self.max_frequency) / record.sample_time
-
-    def _filter_sizes(self, record: FrictionRecord) -> "_FilterSizes":
-        """Return the sizes of the low-pass."""
-        std = self._filter_std(record)
-        delay = int(np.ceil(abs(self.delay) / record.sample_time)) + 1
-        return _FilterSizes(int(np.ceil(FILTER_HALF_LENGTH_STDS * std)), max(int(std), 1), delay + 2)
-
-    def _filter(self, record: FrictionRecord, columns: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return low-pass filtered columns at all rows."""
-        half_length, step, margin = self._filter_sizes(record)
-        inner = columns[margin : len(columns) - margin]
-        if len(inner) <= 2 * half_length:
+        size = record.displacement.size
+        std = np.sqrt(np.log(2)) / (2 * np.pi * self.max_frequency) / record.sample_time
+        half_length = int(np.ceil(FILTER_HALF_LENGTH_STDS * std))
+        margin = half_length + int(np.ceil(abs(self.delay) / record.sample_time)) + 3
+        centres = np.arange(margin, size - margin, max(int(std), 1))
+        if not centres.size:
             raise RecordError(
-                f"a record of {len(columns) * record.sample_time:g} s is too short for a low-pass of "
+                f"a record of {size * record.sample_time:g} s is too short for a low-pass of "
                 f"{self.max_frequency:g} Hz; record for longer, or raise max_frequency"
             )
-        taps = self._taps(record)
-        windows = np.lib.stride_tricks.sliding_window_view(inner, taps.size, axis=0)[::step]
-        return np.einsum("rpt,t->rp", windows, taps)
-
-
-class _FilterSizes(NamedTuple):
-    """Sizes of the low-pass in samples."""
-
-    half_length: int
-    step: int
-    """Distance of the rows."""
-    margin: int
-    """Samples at the ends of a record that have no neighbours, or no delayed thrust."""
+        lags = np.arange(-half_length, half_length + 1)
+        taps = np.exp(-((lags / std) ** 2) / 2)
+        ends = np.arange(centres.size + 1) * taps.size
+        table = np.tile(taps / taps.sum(), centres.size), (centres[:, None] + lags).ravel(), ends
+        return csr_array(table, shape=(centres.size, size))
 
 
 class ConstantVelocityRuns(Observation):
@@ -327,45 +262,32 @@ class ConstantVelocityRuns(Observation):
 
     min_rows = 4
     rows_name = "runs at constant velocity"
+    is_independent = True
 
-    def force(self, record: FrictionRecord) -> NDArray[np.float64]:
-        """Return the mean force of each run."""
-        return self.friction(record, record.force[:, None])
+    def weights(self, record: FrictionRecord) -> RowWeights:
+        """Return the weights of means over runs, and of differences between the velocities of their halves."""
+        from scipy.sparse import lil_array  # slow to import: only when something is estimated
 
-    def friction(self, record: FrictionRecord, columns: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the means of the columns over each run."""
-        means = [np.mean(columns[run.first : run.last], axis=0) for run in _runs(record)]
-        return np.array(means).reshape(len(means), columns.shape[1])
-
-    def acceleration(self, record: FrictionRecord) -> NDArray[np.float64]:
-        """Return the mean acceleration of each run."""
-        return np.array([run.acceleration for run in _runs(record)]).reshape(-1, 1)
-
-    def noise(self, record: FrictionRecord, mass: float) -> float:
-        """Return the noise of the shortest run's mean."""
-        shortest = min((run.last - run.first for run in _runs(record)), default=1)
-        return white_noise(record.force) / np.sqrt(shortest)
-
-    def samples(self, record: FrictionRecord) -> NDArray[np.int64]:
-        """Return the middle of each run."""
-        return np.array([(run.first + run.last) // 2 for run in _runs(record)], dtype=np.int64)
-
-    def successive(self, residuals: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
-        """Return each run by itself."""
-        return [each for part in residuals for each in part[:, None]]
+        runs = _runs(record)
+        means, differences = (lil_array((len(runs), record.displacement.size)) for _ in range(2))
+        for row, (first, last) in enumerate(runs):
+            middle, factor = (first + last) // 2, 2 / (last - first) / record.sample_time**2
+            means[row, first:last] = 1 / (last - first)
+            halves = 1 / (middle - first), 1 / (last - middle)
+            differences[row, [first, middle, last]] = factor * np.array([halves[0], -sum(halves), halves[1]])
+        return RowWeights(means.tocsr(), means.tocsr(), differences.tocsr())
 
 
-class _Run(NamedTuple):
-    """A run at constant velocity."""
+def _band(values: Sequence[float], offset: int, size: int) -> Any:
+    """Return a sparse matrix of shape (size, size) with these values beside each other in each row."""
+    from scipy.sparse import diags_array  # slow to import: only when something is estimated
 
-    first: int
-    last: int
-    acceleration: float
-    """[m/s²]"""
+    first = offset - len(values) // 2
+    return diags_array(values, offsets=range(first, first + len(values)), shape=(size, size), format="csr")
 
 
-def _runs(record: FrictionRecord) -> list[_Run]:
-    """Return the runs of a record."""
+def _runs(record: FrictionRecord) -> list[tuple[int, int]]:
+    """Return first and last sample of each run of a record."""
     y, stroke = record.displacement, float(np.ptp(record.displacement))
     turns = turning_points(y, CYCLE_STROKE_RATIO * stroke).tolist()
     found = []
@@ -377,8 +299,7 @@ def _runs(record: FrictionRecord) -> list[_Run]:
         middle = (first + last) // 2
         halves = np.array([(y[middle] - y[first]) / (middle - first), (y[last] - y[middle]) / (last - middle)])
         if np.ptp(halves) < MAX_VELOCITY_CHANGE * np.abs(halves).mean():
-            change = (halves[1] - halves[0]) / record.sample_time**2 / ((last - first) / 2)
-            found.append(_Run(first, last, float(change)))
+            found.append((first, last))
     return found
 
 
@@ -391,7 +312,7 @@ def white_noise(values: NDArray[np.float64]) -> float:
     return median / np.sqrt(comb(2 * DIFFERENCE_ORDER, DIFFERENCE_ORDER))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rows:
     """Rows of a regression that a record gives: columns, left-hand side, and their place in the record."""
 
@@ -405,12 +326,13 @@ class Rows:
     """Shape (rows,)."""
     time: NDArray[np.float64]
     """Time of the middle of each row [s], shape (rows,)."""
-    place: NDArray[np.int64]
-    """Place among all rows of the record, shape (rows,)."""
+    weights: RowWeights
+    """Weights of the record's samples."""
 
     def select(self, chosen: NDArray[np.bool_]) -> "Rows":
         """Return some of the rows."""
-        return replace(self, **{each.name: getattr(self, each.name)[chosen] for each in fields(self)})
+        found = {each.name: getattr(self, each.name)[chosen] for each in fields(self) if each.name != "weights"}
+        return replace(self, **found, weights=self.weights.select(chosen))
 
 
 TERM_UNITS = {"mass": "kg", "viscous": "N s/m", "offset": "N", "asymmetry": "N s/m"}
@@ -466,25 +388,24 @@ class FrictionProblem:
         return found
 
     def _rows(self, record: FrictionRecord, known: NDArray[np.bool_]) -> Rows:
-        seen, v = self.observation, record.velocity()
-        plain = seen.friction(record, np.column_stack([np.ones_like(v), np.abs(v), v, ~known]))
+        weights, v = self.observation.weights(record), record.velocity
+        plain = weights.friction @ np.column_stack([np.ones_like(v), np.abs(v), v, ~known])
         columns = dict(zip(("offset", "asymmetry", "viscous", "unknown"), plain.T, strict=True))
-        columns["mass"] = seen.acceleration(record)[:, 0]
-        samples = seen.samples(record)
+        columns["mass"] = weights.acceleration @ record.displacement
+        samples = np.rint(weights.friction @ np.arange(v.size)).astype(np.int64)
         every = Rows(
             columns=np.array([columns[term] for term in self.terms]).reshape(-1, samples.size).T,
-            force=seen.force(record)[:, 0] - (self.viscous or 0.0) * columns["viscous"],
+            force=weights.force @ record.force - (self.viscous or 0.0) * columns["viscous"],
             velocity=columns["viscous"],
             cycle=record.cycle[samples],
-            time=np.asarray(record.sample_time * samples, dtype=np.float64),
-            place=np.arange(samples.size),
+            time=record.sample_time * samples,
+            weights=weights,
         )
         return every.select(columns["unknown"] < MAX_UNKNOWN_WEIGHT)
 
     def forces_in_rows(self, forces: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
         """Return forces at the samples of each record, shape (n, N), in its rows, shape (rows, N)."""
-        triples = zip(self.records, forces, self.rows, strict=True)
-        return [self.observation.friction(record, each)[rows.place] for record, each, rows in triples]
+        return [rows.weights.friction @ each for rows, each in zip(self.rows, forces, strict=True)]
 
     def rows_with(self, forces: Sequence[NDArray[np.float64]]) -> list[Rows]:
         """Return the rows with further columns, of forces at the samples of each record, shape (n, N)."""
@@ -514,12 +435,13 @@ class FrictionProblem:
 
     def noise(self, mass: float) -> float:
         """Return the error of a row [N] by noise of the channels."""
-        return max(self.observation.noise(record, max(mass, 0.0)) for record in self.records)
+        pairs = zip(self.rows, self.records, strict=True)
+        return max(rows.weights.noise(record, max(mass, 0.0)) for rows, record in pairs)
 
-    @property
+    @cached_property
     def rows_per_noise(self) -> float:
         """Rows over which white noise is correlated."""
-        return self.observation.rows_per_noise(self.records[0])
+        return float(np.median(np.concatenate([rows.weights.rows_per_noise() for rows in self.rows])))
 
     @property
     def standstill_time(self) -> float:
@@ -529,5 +451,5 @@ class FrictionProblem:
 
 def _standstill_time(record: FrictionRecord, speed: float) -> float:
     turns = turning_points(record.displacement, speed * record.sample_time).size
-    slow = int(np.sum(np.abs(record.velocity()) < STANDSTILL_SPEED_RATIO * speed))
+    slow = int(np.sum(np.abs(record.velocity) < STANDSTILL_SPEED_RATIO * speed))
     return (1 + slow / max(turns, 1)) * record.sample_time

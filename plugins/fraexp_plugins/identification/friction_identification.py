@@ -76,7 +76,7 @@ MIN_MIXED_LEAD = 0.05
 """Lead of a thrust in samples, from a held one and from one that is not, from which it is neither."""
 
 
-class FrictionIdentification(Estimator, name="friction_identification", version=4):
+class FrictionIdentification(Estimator, name="friction_identification", version=5):
     """The parameters of a friction law, with mass, viscous friction and offset, by least squares along a record.
 
     `laws` names one law, or several, your own included, of which the one with the smallest error over held-out cycles
@@ -213,7 +213,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
     def _sliding_fits(self, signals: Signals, records: tuple[FrictionRecord, ...]) -> list[FrictionFit]:
         """Return the fits of laws that say nothing of a standstill, to the rows in which the machine slides."""
         known = slides(records, self.presliding_distance)
-        speeds = np.concatenate([np.abs(r.velocity())[slide] for r, slide in zip(records, known, strict=True)])
+        speeds = np.concatenate([np.abs(r.velocity)[slide] for r, slide in zip(records, known, strict=True)])
         problem = self._problem(records, speeds, tuple(known), np.empty(0))
         if isinstance(problem.observation, ThrustAndMotion):
             forces = WholeLaw.of(Coulomb(coulomb_force=1.0))
@@ -273,7 +273,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         # the springs come first: damping in their place leads to a wrong minimum
         found = springs.model
         assert isinstance(found, Rolling)
-        speed = max(float(np.abs(record.velocity()).max()) for record in problem.records)
+        speed = max(float(np.abs(record.velocity).max()) for record in problem.records)
         least = DAMPING_RATIO * springs.coulomb_force / speed / len(found.stiffness)
         return self._fit_elements(problem, found.model_copy(update={"damping": (least,) * len(found.stiffness)}))
 
@@ -289,7 +289,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         assert isinstance(model, Rolling)
         if is_rolling:
             return self._fit_from(problem, model) if self.back_propagation or self.fit_damping else grid
-        speeds = np.abs(np.concatenate([record.velocity() for record in problem.records]))
+        speeds = np.abs(np.concatenate([record.velocity for record in problem.records]))
         slow, elements = _speed_quantile(speeds, 0.1), (np.array(model.stiffness), np.array(model.limit_force))
         models = [rough_model(law, elements, ratio * slow, self.fit_damping) for ratio in START_VELOCITY_RATIOS]
         trials = [search_shape(problem, model, min(TRIAL_STEPS, self.max_iterations))[0] for model in models]
@@ -478,7 +478,7 @@ def _least_lead(held: float, middle: float, even: float) -> float:
 def _sliding_speeds(record: FrictionRecord, max_threshold: float) -> NDArray[np.float64]:
     """Return the speeds [m/s] at which all elements slip, the largest included."""
     force = columns_along(rolling_elements(np.array([max_threshold])), record)[:, 0]
-    speeds = np.abs(record.velocity())[np.abs(force) >= 1 - ROUNDING]
+    speeds = np.abs(record.velocity)[np.abs(force) >= 1 - ROUNDING]
     return speeds[speeds > 0]
 
 
@@ -515,7 +515,7 @@ MIN_REST_ROWS = 60
 
 def slides(records: Sequence[FrictionRecord], presliding_distance: float) -> list[NDArray[np.bool_]]:
     """Return whether the machine slides at each sample, shape (n,): fast, and far from the last reversal [m]."""
-    velocities = [record.velocity() for record in records]
+    velocities = [record.velocity for record in records]
     step = quantisation_step(records) / records[0].sample_time
     fast = MIN_SLIDING_RATIO * float(np.percentile(np.abs(np.concatenate(velocities)), 95))
     least = max(fast, MIN_STEPS_PER_SAMPLE * step)
