@@ -1,18 +1,16 @@
 """Conformance checks for plugin authors: ``test_mine = fraexp.testing.conformance(Mine)``."""
 
 from fraexp.testing.check_catalogue import checks_for
-from fraexp.testing.check_report import CheckOutcome, Report, Verdict, conformance, findings, run_checks
+from fraexp.testing.check_report import CheckOutcome, Verdict, conformance, findings
 from fraexp.testing.conformance_check import Check
 from fraexp.testing.examples import strategy
 
 __all__ = [
     "Check",
     "CheckOutcome",
-    "Report",
     "Verdict",
     "checks_for",
     "conformance",
     "findings",
-    "run_checks",
     "strategy",
 ]

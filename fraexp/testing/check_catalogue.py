@@ -17,7 +17,7 @@ from fraexp.testing import component_checks, result_checks
 from fraexp.testing import friction_law_checks as friction
 from fraexp.testing.conformance_check import Check
 from fraexp.testing.examples import strategy
-from fraexp.testing.walk import drive_strategy, fixed_path_strategy
+from fraexp.testing.walk import drive_strategy
 
 ANY_KIND = (
     Check(component_checks.units),
@@ -40,13 +40,10 @@ FRICTION = (
     # from here on the force is the compiled one, unless the check is to be quick
     Check(friction.compiled, drive_strategy, 20, 0, is_compiled=True),
     Check(friction.translation, drive_strategy, 12, 3, is_compiled=True),
-    Check(friction.order, drive_strategy, 6, 3, is_compiled=True),
     Check(friction.continuous, friction.wave_strategy, 12, 2, is_compiled=True),
     Check(friction.refinement, friction.wave_strategy, 12, 2, is_compiled=True),
     Check(friction.energy, friction.closed_path_strategy, 100, 8, is_compiled=True),
     Check(friction.endurance, strategy, 4, 0, is_compiled=True),
-    # each example starts a process: a smaller one is not worth the time
-    Check(friction.elsewhere, fixed_path_strategy, 1, 0, is_compiled=True, shrinks=False),
     Check(result_checks.observer, result_checks.exposure_strategy, 4, 0, is_compiled=True),
 )
 PARTS: dict[type[Component], tuple[Callable[[Any], None], ...]] = {

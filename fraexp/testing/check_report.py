@@ -120,32 +120,6 @@ class CheckOutcome:
         return f"{self.check.name}: {self.check.meaning} {self.reason}{example}"
 
 
-@dataclass(frozen=True)
-class Report:
-    """The findings of all checks of one component."""
-
-    component: type[Component]
-    findings: tuple[CheckOutcome, ...]
-
-    @property
-    def sound(self) -> bool:
-        """Whether nothing must be repaired."""
-        return not any(finding.is_failure for finding in self.findings)
-
-
-def run_checks(
-    component: type[Component],
-    checks: Iterable[Check] | None = None,
-    expected_failures: Mapping[str, str] | None = None,
-) -> Report:
-    """Run the checks of a component class, by default all that apply, and report.
-
-    `expected_failures` are names of checks with reasons, besides those that the class declares: such a check must
-    fail, and is reported if it passes.
-    """
-    return Report(component, tuple(findings(component, checks, expected_failures)))
-
-
 def findings(
     component: type[Component],
     checks: Iterable[Check] | None = None,
@@ -153,9 +127,11 @@ def findings(
     on_example: ExampleListener = lambda check, example: None,
     is_quick: bool = False,
 ) -> Iterator[CheckOutcome]:
-    """Yield the findings one after another, as `run_checks` reports them; `on_example` is called with each example.
+    """Yield the findings of the checks of a component class, by default of all that apply, one after another.
 
-    Quick checks try fewer examples, and compile nothing.
+    `expected_failures` are names of checks with reasons, besides those that the class declares: such a check must
+    fail, and is reported if it passes. `on_example` is called with each example. Quick checks try fewer examples, and
+    compile nothing.
     """
     expected = expectations(component, expected_failures)
     applicable = (quick_checks_for if is_quick else checks_for)(component)

@@ -1,16 +1,7 @@
 """Checks of friction models: the law as a function, and along whole motions, on which loop and observer rely."""
 
-import importlib
-import inspect
-import json
-import subprocess
-import sys
 from collections.abc import Sequence
-from contextlib import redirect_stdout
 from dataclasses import dataclass
-from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
@@ -19,7 +10,6 @@ from hypothesis.strategies import SearchStrategy
 from numpy.typing import ArrayLike, NDArray
 
 from fraexp.components.kinds import Component, FrictionModel
-from fraexp.errors import FraexpError
 from fraexp.testing.conformance_check import NotApplicableError, ViolationError, require
 from fraexp.testing.examples import is_number, strategy, try_build, typical_magnitude, value_bounds
 from fraexp.testing.walk import (
@@ -227,49 +217,6 @@ def endurance(model: FrictionModel) -> None:
             require(False, f"the force is {forces[wrong[0]]} N after {wrong[0]} steps, the last of {dy:.3g} m")
 
 
-def elsewhere(drive: Drive) -> None:
-    """Another process gives the same force, to the last bit."""
-    component = type(drive.model)
-    if "<locals>" in component.__qualname__:
-        raise NotApplicableError("its class is defined inside a function, where no other process can find it")
-    order = {
-        "file": inspect.getfile(component), "module": component.__module__, "class": component.__qualname__,
-        "spec": drive.model.spec(), "record": drive.record.tolist(), "time_step": drive.time_step,
-    }  # fmt: skip
-    command = [sys.executable, "-c", "from fraexp.testing.friction_law_checks import print_force; print_force()"]
-    done = subprocess.run(command, input=json.dumps(order), capture_output=True, text=True, check=False, timeout=120)
-    reason = (done.stderr.strip().splitlines() or [""])[-1]
-    require(done.returncode == 0 and done.stdout.startswith("["), f"the other process fails: {reason}")
-    here = [force.hex() for force in drive.model.force(drive.record, drive.time_step).tolist()]
-    require(json.loads(done.stdout) == here, "the other process gives another force")
-
-
-def print_force() -> None:
-    """Print the force that `elsewhere` orders on standard input, in exact digits."""
-    order = json.load(sys.stdin)
-    with redirect_stdout(sys.stderr):  # what a plugin prints is no force
-        owner: Any = _import_plugin(order["module"], Path(order["file"]))
-        for part in order["class"].split("."):
-            owner = getattr(owner, part)
-        from fraexp.testing.component_checks import registry_with
-
-        model: Any = registry_with(owner).create(owner.kind, order["spec"])
-        force = model.force(np.array(order["record"]), order["time_step"])
-    print(json.dumps([value.hex() for value in force.tolist()]))
-
-
-def _import_plugin(name: str, file: Path) -> ModuleType:
-    """Return the module that defines a component: by its name, or from its file if it cannot be imported."""
-    from fraexp.components.local_file import DROP_IN, load_file
-
-    try:
-        return load_file(file) if name.startswith(DROP_IN) else importlib.import_module(name)
-    except ImportError:
-        return load_file(file)
-    except FraexpError as error:
-        raise SystemExit(str(error)) from None
-
-
 FORCE_TOLERANCE = 1e-9
 """Forces that differ by less, relative to the greatest one, count as equal."""
 MAX_OVERSTATEMENT = 4.0
@@ -355,22 +302,6 @@ def compiled(drive: Drive) -> None:
     if different.size:
         at = different[0]
         raise ViolationError(f"step {at}: {forces[at]!r} N compiled, {drive.force[at]!r} N in plain Python")
-
-
-def order(drive: Drive) -> None:
-    """The force does not depend on other computations, before or in between."""
-    first = drive.model.force(drive.record, drive.time_step)
-    walk, other = Walk(drive.model, drive.time_step), Walk(drive.model, 3 * drive.time_step)
-    interleaved = []
-    for dy in np.diff(drive.record, prepend=0.0).tolist():
-        interleaved.append(walk.move(dy))
-        other.move(drive.length - 2 * dy)
-    drive.model.force(-2 * drive.record[::-1], 3 * drive.time_step, periodic=True)
-    again = drive.model.force(drive.record, drive.time_step)
-    require(_have_same_bits(first, again), "a second computation gives another force")
-    require(
-        _have_same_bits(np.array(interleaved), drive.force), "the forces differ if another law is stepped in between"
-    )
 
 
 def present(drive: Drive) -> None:

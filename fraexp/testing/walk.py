@@ -201,8 +201,3 @@ def _legs_strategy(component: type[Component], steps: SearchStrategy[int]) -> Se
     leg = st.tuples(st.integers(-16, 16), steps)
     legs = st.lists(leg, min_size=1, max_size=6).map(tuple)
     return st.builds(Drive, strategy(component), legs, st.sampled_from([1e-3, 1e-4, 1e-5]))
-
-
-def fixed_path_strategy(component: type[Component]) -> SearchStrategy[Drive]:
-    """Return the strategy of one fixed back-and-forth path."""
-    return st.builds(Drive, strategy(component), st.just(((6, 4), (-9, 7), (3, 5))), st.just(1e-4))

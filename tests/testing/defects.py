@@ -1,7 +1,6 @@
 """Friction models with one defect each, and the check that must find it."""
 
 import math
-import os
 import random
 from typing import ClassVar
 
@@ -11,8 +10,6 @@ from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from pydantic import field_validator
 
 from fraexp.api import FrictionModel, param
-
-PROCESS = 1.0 + os.getpid() % 9973 * 1e-6
 
 
 class Element(FrictionModel, name="element", version=1):
@@ -263,13 +260,6 @@ class OfAPlace(Element, name="of_a_place", version=1):
         return super().force(displacement, time_step, periodic) + 0.1 * self.stiffness * displacement
 
 
-class OfAProcess(Element, name="of_a_process", version=1):
-    """Jenkins 1962, with a force that differs from process to process."""
-
-    def force(self, displacement, time_step, periodic=False):
-        return PROCESS * super().force(displacement, time_step, periodic)
-
-
 class Divided(Element, name="divided", version=1):
     """Jenkins 1962, with a bound at which it divides by 0."""
 
@@ -354,8 +344,7 @@ FRICTION = {
     Falling: "monotone",
     Preloaded: "rest",
     OfAPlace: "translation",
-    OfAProcess: "elsewhere",
     Divided: "limits",
     CompiledOtherwise: "compiled",
-    Remembering: "order",
+    Remembering: "compiled",
 }

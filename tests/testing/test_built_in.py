@@ -14,7 +14,6 @@ from fraexp.testing.check_report import Verdict, expectations, run_check
 from tests.examples import thorough
 
 COSTLY = {
-    ("friction", "elsewhere"),
     ("friction", "observer"),
     ("friction", "energy"),
     ("excitation", "refuses"),

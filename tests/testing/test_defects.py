@@ -4,7 +4,7 @@ import pytest
 
 from fraexp.components.kinds import Component
 from fraexp.errors import PluginError
-from fraexp.testing import Verdict, checks_for, run_checks
+from fraexp.testing import Verdict, checks_for, findings
 from fraexp.testing.check_catalogue import FRICTION
 from tests.examples import thorough
 from tests.refusals import refused
@@ -21,7 +21,7 @@ def only(component: type[Component], name: str):
     ids=lambda part: part if isinstance(part, str) else part.name,
 )
 def test_a_seeded_defect_is_caught_by_name(component: type[Component], name: str) -> None:
-    (finding,) = run_checks(component, only(component, name)).findings
+    (finding,) = findings(component, only(component, name))
     assert finding.verdict is Verdict.FAILED
     assert finding.reason
     assert "\n" not in finding.reason + finding.example
@@ -35,7 +35,7 @@ def test_every_check_of_friction_has_a_defect_that_it_catches() -> None:
 
 @pytest.mark.thorough
 def test_the_observer_check_catches_what_depends_on_the_step() -> None:
-    (finding,) = run_checks(defects.Leaking, only(defects.Leaking, "observer")).findings
+    (finding,) = findings(defects.Leaking, only(defects.Leaking, "observer"))
     assert finding.verdict is Verdict.FAILED
 
 
@@ -43,24 +43,23 @@ def test_the_observer_check_catches_what_depends_on_the_step() -> None:
     "component", [thorough(defects.Element), *other_defects.SOUND], ids=lambda component: component.name
 )
 def test_a_component_without_defect_passes(component: type[Component]) -> None:
-    report = run_checks(component)
-    assert [finding.reason for finding in report.findings if finding.verdict is not Verdict.PASSED] == []
+    assert [finding.reason for finding in findings(component) if finding.verdict is not Verdict.PASSED] == []
 
 
 def test_a_smooth_function_of_the_velocity_passes_however_narrow_its_transition() -> None:
     checks = [*only(defects.OfVelocity, "continuous"), *only(defects.OfVelocity, "refinement")]
-    assert [found.verdict for found in run_checks(defects.OfVelocity, checks).findings] == [Verdict.PASSED] * 2
+    assert [found.verdict for found in findings(defects.OfVelocity, checks)] == [Verdict.PASSED] * 2
 
 
 def test_an_expected_failure_must_fail() -> None:
     expected = {"odd": "one direction is weaker"}
-    (found,) = run_checks(defects.Lopsided, only(defects.Lopsided, "odd"), expected).findings
+    (found,) = findings(defects.Lopsided, only(defects.Lopsided, "odd"), expected)
     assert (found.verdict, found.reason) == (Verdict.EXPECTED, "one direction is weaker")
-    report = run_checks(defects.Element, only(defects.Element, "odd"), expected)
-    assert report.findings[0].verdict is Verdict.UNEXPECTED
-    assert not report.sound
+    (found,) = findings(defects.Element, only(defects.Element, "odd"), expected)
+    assert found.verdict is Verdict.UNEXPECTED
+    assert found.is_failure
 
 
 def test_an_expected_failure_of_an_unknown_check_is_refused() -> None:
     with refused(PluginError, "element.expected_failures", "'enrgy'", "'energy'"):
-        run_checks(defects.Element, expected_failures={"enrgy": "a slip"})
+        list(findings(defects.Element, expected_failures={"enrgy": "a slip"}))

@@ -14,8 +14,8 @@ from fraexp.testing.check_catalogue import checks_for, quick_checks_for
 from fraexp.testing.check_report import Verdict, findings
 from tests.testing import defects, other_defects
 
-SLOW_TO_SEE = {"elsewhere", "compiled", "endurance", "linear-plant", "result-units", "outcome", "covariance"}
-"""Checks of what takes another process, compiled code or a simulation."""
+SLOW_TO_SEE = {"compiled", "endurance", "linear-plant", "result-units", "outcome", "covariance"}
+"""Checks of what takes compiled code or a simulation."""
 SEEDED = [*defects.FRICTION.items(), *other_defects.OTHERS]
 QUICK = [(component, name) for component, name in SEEDED if name not in SLOW_TO_SEE]
 
@@ -67,7 +67,7 @@ def test_failures_stand_first_and_what_was_left_out_last(
     capsys.readouterr()
     assert main(["check", "mine", "--quick"]) == ExitCode.OK
     printed = capsys.readouterr()
-    assert "  omitted   compiled, endurance, elsewhere, observer" in printed.out
+    assert "  omitted   compiled, endurance, observer" in printed.out
     assert "friction mine: no fault found by the quick checks" in printed.err
     file.write_text(file.read_text().replace("-limit", "-0.9 * limit"))
     assert main(["check", "mine", "--quick"]) == ExitCode.INCOMPLETE
