@@ -27,7 +27,7 @@ from contextlib import contextmanager, suppress
 from fcntl import ioctl
 from pathlib import Path
 
-os.environ.setdefault("FRAEXP_TUI_SETTINGS", os.devnull)
+os.environ.pop("FRAEXP_TUI_THEME", None)
 
 import numpy as np
 from harness import Bench, run

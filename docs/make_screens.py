@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-os.environ["FRAEXP_TUI_SETTINGS"] = os.devnull
+os.environ.pop("FRAEXP_TUI_THEME", None)
 
 from fraexp.tui.app import FraexpApp
 from fraexp.tui.dialogs import ConfirmDialog

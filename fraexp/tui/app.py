@@ -24,10 +24,9 @@ from fraexp.errors import FraexpError, did_you_mean
 from fraexp.tui.dialogs import ConfirmDialog
 from fraexp.tui.key_queue import KeyQueue
 from fraexp.tui.page import PLACES, DatabaseChanged, Page, shorten
-from fraexp.tui.services import user_settings
 from fraexp.tui.services.plugin_watch import PluginsChanged, PluginWatch, reload_plugins
 from fraexp.tui.services.selection import Selection
-from fraexp.tui.services.themes import DARK, DEFAULT_THEME, LIGHT
+from fraexp.tui.services.themes import DARK, LIGHT
 
 if TYPE_CHECKING:
     from fraexp.tui.services.database_access import Backend
@@ -48,6 +47,8 @@ STOP_TIMEOUT_S = 10.0
 """Seconds that quitting waits for the machine to come to rest."""
 TERMINAL_POLL_INTERVAL_S, HANGUP_EXIT_CODE = 1.0, 129
 """Seconds between two polls of the terminal, and the exit code of a program that was ended by a hangup."""
+THEME_VARIABLE = "FRAEXP_TUI_THEME"
+"""Environment variable with the name of a theme."""
 SCREENS = {
     "studies": ("fraexp.tui.screens.studies_page", "StudiesPage"),
     "runs": ("fraexp.tui.screens.runs_page", "RunsPage"),
@@ -93,12 +94,8 @@ class FraexpApp(App[None]):
     ]
 
     def __init__(self, folder: str | Path, database: str | None = None, tracing: bool = False) -> None:
-        """Open a workspace; FraexpError if the settings are invalid.
-
-        `tracing` shows the traceback of an internal error.
-        """
+        """Open a workspace; `tracing` shows the traceback of an internal error. FraexpError for an unknown theme."""
         super().__init__()
-        self.settings = user_settings.read_settings(user_settings.settings_file())
         self._place = (folder, database)
         self.marks = Selection()
         self.measurement: LiveMeasurement | None = None
@@ -125,15 +122,14 @@ class FraexpApp(App[None]):
         return backend
 
     def _choose_theme(self) -> None:
-        """Apply the theme of the user."""
+        """Apply the theme that the user has named in the environment."""
         for theme in (DARK, LIGHT):
             self.register_theme(theme)
-        self.theme = DEFAULT_THEME
-        if self.settings.theme:
-            if self.settings.theme not in self.available_themes:
-                known = did_you_mean(self.settings.theme, self.available_themes)
-                raise FraexpError(f"{user_settings.settings_file()}: unknown theme '{self.settings.theme}'{known}")
-            self.theme = self.settings.theme
+        chosen = os.environ.get(THEME_VARIABLE) or DARK.name
+        if chosen not in self.available_themes:
+            known = did_you_mean(chosen, self.available_themes)
+            raise FraexpError(f"{THEME_VARIABLE}: unknown theme '{printable(chosen)}'{known}")
+        self.theme = chosen
 
     def get_default_screen(self) -> Screen[Any]:
         """Return the first frame."""

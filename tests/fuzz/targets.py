@@ -26,7 +26,6 @@ from fraexp.study import study_file
 from fraexp.study.published_values import PublishedNumber
 from fraexp.study.random_draws import Draws
 from fraexp.study.sections import override
-from fraexp.tui.services import user_settings
 from fraexp.views import entries
 from fraexp.views.words import flatten, value_text
 from tests.fuzz import mutation
@@ -50,11 +49,6 @@ FILTERS = (
     "created:today note:'x'",
     'study:"a\\"b" elapsed>1',
     "created=2026-03-31T12:00 -outcome:ok key:fx1 plant.gain=1e-3",
-)
-SETTINGS = (
-    'theme = "nord"\nascii = true\nphase = "wrapped"\n[keys]\nmark = "space,m"\n',
-    'keys.table.mark = "m"\n',
-    "ascii = false\n",
 )
 OVERRIDES = (
     "excitation.amplitude=20",
@@ -115,7 +109,6 @@ def targets(folder: Path, registry: Registry) -> list[Target]:
         Target("units", _texts(UNITS, UNIT_WORDS), _unit, 0.06),
         Target("channel expressions", _texts(CHANNELS, (*"*/+-[]() ", "{level}")), _channel, 0.26),
         Target("filters", _texts(FILTERS, (*names[:40], *':-"\\', ">=", "today", "1um")), _filter, 0.13),
-        Target("settings", _texts(SETTINGS, ("keys", "theme", "ascii", "=")), partial(_settings, folder), 0.05),
         Target("--set and forms", _texts(OVERRIDES, names), _override, 0.2),
         Target("studies as text", _texts(texts, names), partial(_study_text, folder, registry), 0.012),
         Target("studies as data", _plain(data, names), partial(_study, folder, registry), 0.012),
@@ -169,12 +162,6 @@ def _filter(text: str) -> None:
         parse_number(condition.value)
         if condition.field == "created":
             parse_time_span(condition.value, datetime.now(UTC))
-
-
-def _settings(folder: Path, text: str) -> None:
-    file = folder / "tui.toml"
-    file.write_bytes(text.encode("utf-8", "surrogatepass"))
-    user_settings.read_settings(file)
 
 
 def _override(text: str) -> None:

@@ -35,9 +35,9 @@ estimator = { name = "raising" }
 
 
 @pytest.fixture(autouse=True)
-def no_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whoever runs the tests may have settings; they shall not matter."""
-    monkeypatch.setenv("FRAEXP_TUI_SETTINGS", str(tmp_path / "none.toml"))
+def no_theme(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever runs the tests may have chosen a theme; it shall not matter."""
+    monkeypatch.delenv("FRAEXP_TUI_THEME", raising=False)
 
 
 @pytest.fixture(autouse=True)

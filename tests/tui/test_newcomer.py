@@ -53,7 +53,7 @@ def terminal(tmp_path: Path) -> Iterator[Terminal]:
     width, height = "80", "24"
     found = Terminal(f"fraexp-{os.getpid()}")
     place = f"{sys.executable} -m fraexp tui --workspace={tmp_path}"
-    environment = ["-e", f"FRAEXP_TUI_SETTINGS={os.devnull}", "-e", "LANG=C.UTF-8", "-e", "LC_ALL=C.UTF-8"]
+    environment = ["-e", "FRAEXP_TUI_THEME=", "-e", "LANG=C.UTF-8", "-e", "LC_ALL=C.UTF-8"]
     checkout = [f"-ePYTHONPATH={os.environ['PYTHONPATH']}"] if "PYTHONPATH" in os.environ else []
     start = ["-f", os.devnull, "new-session", "-d", "-s", "fraexp", "-x", width, "-y", height, *environment, *checkout]
     found.tmux(*start, f"{place}; echo left with $?; cat")

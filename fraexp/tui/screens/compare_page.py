@@ -172,9 +172,8 @@ An exported figure shows the visible curves and frequencies.
             yield DifferenceTable(id="differs", cursor_type="row", zebra_stripes=True)
 
     def on_mount(self) -> None:
-        """Apply the user's setting of the phase."""
+        """Put the table beside the plots, which appear with their curves."""
         self.add_class("-beside")
-        self.stack.view_range.wrapped = self.app.settings.phase == "wrapped"
         self.query_one("#both").display = False
 
     async def load(self) -> None:

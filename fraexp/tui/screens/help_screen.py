@@ -9,7 +9,6 @@ from textual.binding import Binding, BindingType
 from textual.screen import ModalScreen
 
 from fraexp.tui.page import Page
-from fraexp.tui.services import user_settings
 from fraexp.tui.widgets.text_section import TextSection
 
 TOOLKIT_KEYS = ("ctrl+q", "ctrl+p")
@@ -31,9 +30,8 @@ class HelpPage(ModalScreen[None]):
 
     def compose(self) -> ComposeResult:
         """Show the text, then the keys."""
-        place = user_settings.settings_file()
-        settings = f"\nSettings (theme, phase): {place}. : or ctrl+p finds commands by name."
-        yield TextSection(Text(_reflow(self._page.HELP) + "\n"), self._keys(), Text(settings))
+        commands = Text("\n: or ctrl+p finds commands by name.")
+        yield TextSection(Text(_reflow(self._page.HELP) + "\n"), self._keys(), commands)
 
     def _keys(self) -> Table:
         table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)

@@ -1,1 +1,1 @@
-"""Services of the screens: database access, settings, keys, and watches."""
+"""Services of the screens: database access, keys, and watches."""

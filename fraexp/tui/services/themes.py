@@ -36,7 +36,6 @@ LIGHT = Theme(
         "footer-description-foreground": "#35424f", "grid": "#d5dbe2", "axis": "#5f6b78",
     },
 )  # fmt: skip
-DEFAULT_THEME = DARK.name
 STATE_SIGNS = {
     "complete": ("●", "success"),
     "ok": ("●", "success"),
