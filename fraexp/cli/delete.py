@@ -4,7 +4,7 @@ import sys
 from argparse import Namespace
 
 from fraexp.cli.exits import ExitCode
-from fraexp.cli.output import say
+from fraexp.cli.output import ask, say
 from fraexp.cli.sweep_lookup import find_run_number, workspace_folder
 from fraexp.data.identity import key_heads
 from fraexp.errors import FraexpError
@@ -45,11 +45,10 @@ def _is_confirmed(arguments: Namespace, losses: list[str]) -> bool:
         say(f"will be deleted: {loss}")
     if not sys.stdin.isatty():
         raise FraexpError("delete: cannot ask for confirmation without a terminal; give --yes")
-    print("delete? [y/N] ", end="", file=sys.stderr, flush=True)
-    is_agreed = sys.stdin.readline().strip().casefold() in ("y", "yes")
-    if not is_agreed:
-        say("nothing was deleted")
-    return is_agreed
+    if ask("delete?"):
+        return True
+    say("nothing was deleted")
+    return False
 
 
 def undelete(arguments: Namespace) -> ExitCode:

@@ -10,7 +10,7 @@ from typing import Any
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import follow, print_outcome
 from fraexp.cli.measurement_meter import MeasurementMeter
-from fraexp.cli.output import print_json, print_path, print_table, say
+from fraexp.cli.output import ask, print_json, print_path, print_table, say
 from fraexp.cli.sweep_lookup import location_options
 from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.terminal_text import printable
@@ -58,12 +58,10 @@ def _ask_consents(consents: Sequence[Consent]) -> None:
     Without a terminal the measurement itself refuses it.
     """
     for consent in consents if sys.stdin.isatty() else ():
-        text = printable(f"the study would {consent.action}")
-        print(f"{text}\nallow it, now and later? [y/N] ", end="", file=sys.stderr, flush=True)
-        if sys.stdin.readline().strip().lower() in ("y", "yes"):
-            consent.remember()
-        else:
+        print(printable(f"the study would {consent.action}"), file=sys.stderr)
+        if not ask("allow it, now and later?"):
             raise ConsentError("not allowed: nothing was run")
+        consent.remember()
 
 
 def _measure_autonomously(arguments: Namespace, workspace: WorkspaceService) -> ExitCode:

@@ -18,6 +18,7 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_line, print_path
 from fraexp.cli.sweep_lookup import workspace_folder
 from fraexp.components.registry import Registry
+from fraexp.data.atomic_file import atomic_file
 from fraexp.errors import PluginError
 
 KINDS_WITH_STUDY = ("friction", "plant", "controller", "excitation", "estimator")
@@ -39,7 +40,8 @@ def execute(arguments: Namespace) -> ExitCode:
         if os.path.lexists(workspace / path):
             raise PluginError(f"{workspace / path}: already exists; choose another name, or remove it")
     for path, text in texts.items():
-        _write(workspace / path, text)
+        with atomic_file(workspace / path, makes_folder=True) as draft:
+            draft.write_text(text, encoding="utf-8")
         print_path(workspace / path)
     print("next:")
     steps = dict(_next_steps(kind, words, arguments))
@@ -47,15 +49,6 @@ def execute(arguments: Namespace) -> ExitCode:
     for step, comment in steps.items():
         print_line(f"  {step:<{width}}  # {comment}", "    ")
     return ExitCode.OK
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        reason = error.strerror or error
-        raise PluginError(f"{path}: cannot be written ({reason}); choose a writable folder with --workspace") from None
 
 
 def _check_name(kind: str, name: str, registry: Registry) -> None:

@@ -139,6 +139,12 @@ def say(text: str) -> None:
         print(fit_lines(shorten(printable(shorten(text))), sys.stderr), file=sys.stderr, flush=True)
 
 
+def ask(question: str) -> bool:
+    """Ask on stderr, and return whether the answer is yes."""
+    print(f"{question} [y/N] ", end="", file=sys.stderr, flush=True)
+    return sys.stdin.readline().strip().casefold() in ("y", "yes")
+
+
 def print_line(text: str, indent: str = "") -> None:
     """Print one line on stdout; on a terminal it is wrapped, and goes on after `indent`."""
     print(fit_lines(printable(text), sys.stdout, indent), flush=True)

@@ -35,6 +35,14 @@ def nested_kind(info: FieldInfo) -> "type[Component] | None":
     return None
 
 
+def parameter_group(info: FieldInfo) -> type[Parameters] | None:
+    """Return the type of the parameters that this one groups, such as the curve of a friction model, or None."""
+    for candidate in (info.annotation, *get_args(info.annotation)):
+        if inspect.isclass(candidate) and issubclass(candidate, Parameters) and not issubclass(candidate, Component):
+            return candidate
+    return None
+
+
 def named_kind(info: FieldInfo) -> "type[Component] | None":
     """Return the kind of the components that this parameter names, such as a list of friction laws, or None."""
     for candidate in get_args(info.annotation):

@@ -55,6 +55,30 @@ def unit_of(info: FieldInfo, *, rotary: bool = False) -> str:
     return rotary_unit(unit) if rotary else unit
 
 
+def value_bounds(info: FieldInfo) -> tuple[float | None, float | None]:
+    """Return the least and the greatest value of a parameter, inside of exclusive bounds; None where there is none."""
+    declared = {word: getattr(item, word) for item in info.metadata for word in BOUND_NAMES if hasattr(item, word)}
+    low, high = declared.get("ge"), declared.get("le")
+    span = TYPICAL.get(unit_of(info), 1.0)
+    if "gt" in declared:
+        low = declared["gt"] + 1e-6 * span
+    if "lt" in declared:
+        high = declared["lt"] - 1e-6 * span
+    return low, high
+
+
+BOUND_NAMES = ("gt", "ge", "lt", "le")
+
+
+def typical_value(info: FieldInfo) -> float:
+    """Return a number that suits a parameter: between two bounds, else typical of its unit and within one."""
+    low, high = value_bounds(info)
+    if low is not None and high is not None:
+        return (low + high) / 2
+    value = TYPICAL.get(unit_of(info), 1.0)
+    return max(value, low) if low is not None else min(value, high) if high is not None else value
+
+
 def _kind_of(info: FieldInfo) -> str:
     """Return what a parameter without unit expects."""
     return "table" if get_origin(info.annotation) is dict else "text"

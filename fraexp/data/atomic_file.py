@@ -5,21 +5,28 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from fraexp.errors import FraexpError
+
 
 @contextmanager
-def atomic_file(path: Path) -> Iterator[Path]:
+def atomic_file(path: Path, *, makes_folder: bool = False) -> Iterator[Path]:
     """Return the path of a draft that takes the place of `path` at the end of the context.
 
-    The draft is removed if the context raises anything, an interruption included. OSError if it cannot be written.
+    The draft is removed if the context raises anything, an interruption included. FraexpError if it cannot be written.
     """
     draft = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
+        if makes_folder:
+            path.parent.mkdir(parents=True, exist_ok=True)
         draft.touch()  # fails with the reason, which not every writer reports
         yield draft
         draft.replace(path)
-    except BaseException:
+    except BaseException as error:
         with suppress(OSError):  # a folder that refuses files refuses to remove them, too
             draft.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            what = error.strerror or error
+            raise FraexpError(f"{path}: cannot be written: {what}; choose another place") from None
         raise
 
 

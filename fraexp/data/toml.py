@@ -33,8 +33,11 @@ def loads(text: str) -> dict[str, Any]:
 
 
 def value(text: str) -> Any:
-    """Return the value that a text says as the right side of a TOML line; ValueError if it says none."""
-    return loads(f"value = {text}")["value"]
+    """Return the value that a text says as the right side of a TOML line; what says none is itself a text."""
+    try:
+        return loads(f"value = {text}")["value"]
+    except ValueError:
+        return text.strip()
 
 
 def dumps(data: Any) -> str:

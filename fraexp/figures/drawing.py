@@ -130,12 +130,8 @@ def save_figure(figure: Figure, path: Path, keys: Sequence[str]) -> None:
     The same figure gives the same bytes; the file appears complete or not at all.
     """
     suffix = check_suffix(path)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_file(path) as draft, draft.open("wb") as stream:
-            _write(figure, stream, suffix, stamp_digest(keys))
-    except OSError as error:
-        raise FraexpError(f"{path}: the figure cannot be written: {error.strerror or error}") from None
+    with atomic_file(path, makes_folder=True) as draft, draft.open("wb") as stream:
+        _write(figure, stream, suffix, stamp_digest(keys))
 
 
 def _write(figure: Figure, target: IO[bytes], suffix: str, stamp: str) -> None:

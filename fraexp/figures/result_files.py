@@ -6,6 +6,7 @@ have everything; universal files (dataset 58) have the response or the curves.
 
 import json
 import math
+import os
 import re
 from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
@@ -381,10 +382,7 @@ def export(result: Result, header: Header, path: Path, *, force: bool = False) -
 
 def write_file(path: Path, write: Callable[[Path], object], *, force: bool = False) -> None:
     """Write a file, complete or not at all; FraexpError if it exists without `force`, or cannot be written."""
-    try:
-        if path.exists() and not force:
-            raise FraexpError(f"{path}: the file exists; give --force to replace it, or another name")
-        with atomic_file(path) as draft:
-            write(draft)
-    except OSError as error:
-        raise FraexpError(f"{path}: cannot be written: {error.strerror or error}; choose another place") from None
+    if os.path.lexists(path) and not force:
+        raise FraexpError(f"{path}: the file exists; give --force to replace it, or another name")
+    with atomic_file(path) as draft:
+        write(draft)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fraexp.components.machine_session import PlayRequest
 from fraexp.data.atomic_file import atomic_file
-from fraexp.errors import FraexpError, StudyError
+from fraexp.errors import StudyError
 from fraexp.measurement.measurement_plan import MeasurementPlan, PlannedPoint
 
 PAUSE_S = 0.5
@@ -183,11 +183,8 @@ def write_excitation(path: Path, table: ExcitationTable) -> str:
     if path.suffix.lower() not in WRITERS:
         known = ", ".join(WRITERS)
         raise StudyError(f"{path}: an excitation cannot be written as '{path.suffix}'; expected one of {known}")
-    try:
-        with atomic_file(path) as draft:
-            return WRITERS[path.suffix.lower()](draft, table)
-    except OSError as error:
-        raise FraexpError(f"{path}: cannot be written ({error.strerror or error})") from None
+    with atomic_file(path) as draft:
+        return WRITERS[path.suffix.lower()](draft, table)
 
 
 def _write_csv(path: Path, table: ExcitationTable) -> str:

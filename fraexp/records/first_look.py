@@ -13,7 +13,6 @@ from fraexp.analysis.quantisation import grid_step
 from fraexp.components.registry import Registry
 from fraexp.data import toml
 from fraexp.data.signals import Segment, Signals
-from fraexp.data.sweep import Plain
 from fraexp.errors import RecordError
 from fraexp.records.proposals import propose_files
 from fraexp.records.record_doubts import LOOP_UNITS
@@ -90,26 +89,21 @@ def _check_files(files: Sequence[Path]) -> None:
         raise RecordError(f"{twice}: the file is given twice; expected records of one machine, each once")
 
 
-def has_levels(request: ImportRequest, registry: Registry) -> bool:
-    """Return whether the records of a request are those of one axis at several amplitudes."""
-    settings, _, signals = _loaded(request, registry)
-    outputs = [name for name in request.channels if name not in INJECTED_CHANNELS]
-    is_axis = len(outputs) > 1 and (signals.units[outputs[0]], signals.units[outputs[1]]) in LOOP_UNITS
-    if is_response(settings.channels) or not is_axis or not signals.segments[0].periodic:
-        return False
-    return _level_count(signals, outputs[0]) > 1
-
-
-def _loaded(request: ImportRequest, registry: Registry) -> tuple[RecordSettings, Plain, Signals]:
-    section = {"file": [str(file) for file in request.files], "channels": dict(request.channels), **request.options}
-    settings = RecordSettings.parse(section, "record")
-    experiment, paths = resolve(settings, Path(), registry)
-    return settings, experiment, load(experiment, paths, registry)
+def find_levels(request: ImportRequest, registry: Registry) -> RecordLook | None:
+    """Return what is to be seen in the records of one axis at several amplitudes; None if they are others."""
+    try:
+        look = look_at(request, registry)
+    except RecordError:  # of no axis, or invalid, which their own study says
+        return None
+    return look if look.levels > 1 else None
 
 
 def look_at(request: ImportRequest, registry: Registry) -> RecordLook:
     """Return what is to be seen in the records of a request; RecordError if they are none of one axis."""
-    settings, experiment, signals = _loaded(request, registry)
+    section = {"file": [str(file) for file in request.files], "channels": dict(request.channels), **request.options}
+    settings = RecordSettings.parse(section, "record")
+    experiment, paths = resolve(settings, Path(), registry)
+    signals = load(experiment, paths, registry)
     if is_response(settings.channels):
         return RecordLook("", _frequencies(signals), (), 1, 0.0)
     channels = [name for name in request.channels if name not in INJECTED_CHANNELS]

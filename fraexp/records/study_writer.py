@@ -138,10 +138,7 @@ def _parse_setting(text: str) -> tuple[str, object]:
     section, _, key = path.partition(".")
     if not equals or section != "estimator" or not key:
         raise StudyError(f"--set {text}: expected estimator.PARAMETER=VALUE, such as estimator.order=2")
-    try:
-        return key, toml.value(value)
-    except ValueError:
-        return key, value
+    return key, toml.value(value)
 
 
 def _set_nested(spec: dict[str, object], path: Sequence[str], value: object) -> None:
@@ -162,8 +159,9 @@ def is_same_study(path: Path, data: Mapping[str, object]) -> bool:
 
 
 def write_study(path: Path, data: Mapping[str, object]) -> None:
-    """Write a study as a TOML file, complete or not at all, into a folder that is made; StudyError if it cannot be."""
-    _write_text(path, study_text(data))
+    """Write a study as a TOML file, complete or not at all, into a folder that is made; FraexpError if it cannot be."""
+    with atomic_file(path, makes_folder=True) as draft:
+        draft.write_text(study_text(data), encoding="utf-8")
 
 
 def renew_study(path: Path, data: Mapping[str, object]) -> Path:
@@ -174,7 +172,8 @@ def renew_study(path: Path, data: Mapping[str, object]) -> Path:
     while path.exists() and not _is_unedited(path):
         path = path.with_stem(f"{path.stem}-new")
     text = study_text(data)
-    _write_text(path, f"{_unedited_mark(text)}\n{text}")
+    with atomic_file(path, makes_folder=True) as draft:
+        draft.write_text(f"{_unedited_mark(text)}\n{text}", encoding="utf-8")
     return path
 
 
@@ -188,16 +187,6 @@ def _unedited_mark(text: str) -> str:
     """Return the first line of a file that contains a text, by which it shows that it was not edited."""
     digest = hash_bytes(text.encode()).hex()
     return f"# Each measurement writes this study anew, unless it was edited: digest {digest}"
-
-
-def _write_text(path: Path, text: str) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_file(path) as draft:
-            draft.write_text(text, encoding="utf-8")
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise StudyError(f"{path}: the study cannot be written: {reason}; choose another place") from None
 
 
 def study_text(data: Mapping[str, object]) -> str:

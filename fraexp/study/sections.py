@@ -63,10 +63,7 @@ def override(text: str) -> tuple[str, Any]:
         raise StudyError(f"--set {text}: only a section's parameters can be set; write another study for the rest")
     if not equals or not path:
         raise StudyError(f"--set {text}: expected PATH=VALUE, such as excitation.amplitude=20")
-    try:
-        found = toml.value(value)
-    except ValueError:
-        found = value
+    found = toml.value(value)
     if path.startswith(GRID):
         axes({path.removeprefix(GRID): found}, f"--set {text}")
     return path, found

@@ -1,6 +1,5 @@
 """Examples of components, drawn from their presets and from the declared bounds of their parameters."""
 
-import inspect
 from collections.abc import Mapping
 from functools import cache
 from typing import Any, TypeVar, cast, get_args, get_origin
@@ -9,8 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.strategies import SearchStrategy
 from pydantic.fields import FieldInfo
 
-from fraexp.components.kinds import Component, nested_kind
-from fraexp.components.parameters import TYPICAL, Parameters, unit_of
+from fraexp.components.kinds import Component, nested_kind, parameter_group
+from fraexp.components.parameters import Parameters, typical_value, unit_of, value_bounds
 from fraexp.components.registry import Registry, discover
 from fraexp.errors import FraexpError
 
@@ -37,26 +36,6 @@ def is_number(info: FieldInfo) -> bool:
     return float in (info.annotation, *get_args(info.annotation)) and get_origin(info.annotation) is not tuple
 
 
-def value_bounds(info: FieldInfo) -> tuple[float | None, float | None]:
-    """Return the least and the greatest value of a parameter, inside of exclusive bounds; None where there is none."""
-    declared = {word: getattr(item, word) for item in info.metadata for word in BOUND_NAMES if hasattr(item, word)}
-    low, high = declared.get("ge"), declared.get("le")
-    span = typical_magnitude(info)
-    if "gt" in declared:
-        low = declared["gt"] + 1e-6 * span
-    if "lt" in declared:
-        high = declared["lt"] - 1e-6 * span
-    return low, high
-
-
-BOUND_NAMES = ("gt", "ge", "lt", "le")
-
-
-def typical_magnitude(info: FieldInfo) -> float:
-    """Return a magnitude that is typical of a parameter's unit."""
-    return TYPICAL.get(unit_of(info), 1.0)
-
-
 def try_build(component: type[AnyComponent], values: Mapping[str, object]) -> AnyComponent | None:
     """Return an instance, or None if the class refuses the values."""
     try:
@@ -77,7 +56,7 @@ def _values_strategy(owner: type[Parameters], base: Mapping[str, object]) -> Sea
 
 def _parameter_strategy(info: FieldInfo, base: Any) -> SearchStrategy[object] | None:
     """Return the strategy of one parameter; None to leave it at its default."""
-    nested, group = nested_kind(info), _parameter_group(info)
+    nested, group = nested_kind(info), parameter_group(info)
     if nested is not None:
         return _nested_strategy(nested, info, base)
     if group is not None:
@@ -89,28 +68,18 @@ def _parameter_strategy(info: FieldInfo, base: Any) -> SearchStrategy[object] | 
     return _number_strategy(info, base)
 
 
-def _parameter_group(info: FieldInfo) -> type[Parameters] | None:
-    candidates = (info.annotation, *get_args(info.annotation))
-    return next((part for part in candidates if inspect.isclass(part) and issubclass(part, Parameters)), None)
-
-
 def _number_strategy(info: FieldInfo, base: Any) -> SearchStrategy[float] | None:
     low, high = value_bounds(info)
     start = base if base is not None else None if info.is_required() else info.default
     if low is not None and high is not None and unit_of(info) == "1":
         return st.floats(low, high)
     if start is None:
-        return _scaled_strategy(_middle_value(info), low, high) if info.is_required() else None
+        return _scaled_strategy(typical_value(info), low, high) if info.is_required() else None
     if start == 0:
-        return st.one_of(st.just(0.0), _scaled_strategy(typical_magnitude(info), low, high))
+        return st.one_of(st.just(0.0), _scaled_strategy(typical_value(info), low, high))
     scaled = _scaled_strategy(float(start), low, high)
     included = [item.ge for item in info.metadata if hasattr(item, "ge")]
     return st.one_of(scaled, st.just(float(included[0]))) if included else scaled
-
-
-def _middle_value(info: FieldInfo) -> float:
-    low, high = value_bounds(info)
-    return float((low + high) / 2 if low is not None and high is not None else typical_magnitude(info))
 
 
 def _scaled_strategy(value: float, low: float | None, high: float | None) -> SearchStrategy[float]:
@@ -128,7 +97,7 @@ def _decade_strategy() -> SearchStrategy[float]:
 def _list_strategy(info: FieldInfo, base: Any) -> SearchStrategy[object] | None:
     if base is None and not info.is_required():
         return None
-    values = list(base) if base is not None else [_middle_value(info)] * DEFAULT_LIST_LENGTH
+    values = list(base) if base is not None else [typical_value(info)] * DEFAULT_LIST_LENGTH
     if unit_of(info) in ("1", "") or not all(isinstance(value, int | float) for value in values):
         return st.just(tuple(values))  # shares, names: no common factor fits
     return _decade_strategy().map(lambda decades: tuple(value * 10.0**decades for value in values))

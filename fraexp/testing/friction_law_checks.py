@@ -10,8 +10,9 @@ from hypothesis.strategies import SearchStrategy
 from numpy.typing import ArrayLike, NDArray
 
 from fraexp.components.kinds import Component, FrictionModel
+from fraexp.components.parameters import TYPICAL, unit_of, value_bounds
 from fraexp.testing.conformance_check import NotApplicableError, ViolationError, require
-from fraexp.testing.examples import is_number, strategy, try_build, typical_magnitude, value_bounds
+from fraexp.testing.examples import is_number, strategy, try_build
 from fraexp.testing.walk import (
     SLOW_TIME_STEP_S,
     Drive,
@@ -250,7 +251,7 @@ def limits(model: FrictionModel) -> None:
         if not is_number(info) or value is None:
             continue
         low, high = value_bounds(info)
-        start = abs(value) or typical_magnitude(info)
+        start = abs(value) or TYPICAL.get(unit_of(info), 1.0)
         for extreme in (
             low if low is not None else -start * EXTREME_FACTOR,
             high if high is not None else start * EXTREME_FACTOR,

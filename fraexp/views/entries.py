@@ -1,14 +1,13 @@
 """The parameters of a component as editable entries: each by its dotted path, with its declaration."""
 
-import inspect
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from fraexp.components.kinds import Component, nested_kind
-from fraexp.components.parameters import TYPICAL, Parameters, unit_of
+from fraexp.components.kinds import Component, nested_kind, parameter_group
+from fraexp.components.parameters import TYPICAL, Parameters, typical_value, unit_of
 from fraexp.components.registry import Registry
 from fraexp.data import toml
 from fraexp.errors import FraexpError
@@ -105,13 +104,7 @@ def _typical_value(info: FieldInfo) -> object:
         return entry.choices[0]
     if nested_kind(info) is not None:
         return None
-    value = TYPICAL.get(unit_of(info), 1.0)
-    low = next((getattr(item, word) for item in info.metadata for word in ("ge", "gt") if hasattr(item, word)), None)
-    high = next((getattr(item, word) for item in info.metadata for word in ("le", "lt") if hasattr(item, word)), None)
-    if low is not None and high is not None:
-        value = (low + high) / 2
-    elif (low is not None and value <= low) or (high is not None and value >= high):
-        value = 2 * low if low else (high or 0.0) / 2
+    value = typical_value(info)
     if get_origin(info.annotation) is tuple:
         return [1 / EXAMPLE_LIST_LENGTH if unit_of(info) == "1" else value] * EXAMPLE_LIST_LENGTH
     if entry.is_whole:
@@ -138,14 +131,6 @@ def parameter_entries(
             yield ParameterEntry(path, info, entry_text(value))
 
 
-def parameter_group(info: FieldInfo) -> type[Parameters] | None:
-    """Return the type of a parameter group that is not a component, such as the curve of a friction model."""
-    for of in (info.annotation, *get_args(info.annotation)):
-        if inspect.isclass(of) and issubclass(of, Parameters) and not issubclass(of, Component):
-            return of
-    return None
-
-
 def entry_text(value: object) -> str:
     """Return a value as text; None and empty lists give an empty text."""
     if value is None or value in ([], ()):
@@ -164,7 +149,7 @@ def apply_texts(base: Mapping[str, object], texts: Mapping[str, str]) -> dict[st
         for part in parents:
             place = place[int(part)] if isinstance(place, list) else place[part]
         if text.strip():
-            place[last] = parse_text(text)
+            place[last] = toml.value(text)
         else:
             place.pop(last, None)
     return data
@@ -174,14 +159,6 @@ def _copy_without_version(value: object) -> Any:
     if isinstance(value, Mapping):
         return {key: _copy_without_version(item) for key, item in value.items() if key != "version"}
     return [_copy_without_version(item) for item in value] if isinstance(value, list | tuple) else value
-
-
-def parse_text(text: str) -> Any:
-    """Return the value of a text as ``--set`` reads it."""
-    try:
-        return toml.value(text.strip())
-    except ValueError:
-        return text.strip()
 
 
 def without_defaults(owner: type[Parameters], data: Mapping[str, Any], registry: Registry) -> dict[str, Any]:

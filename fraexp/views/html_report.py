@@ -176,11 +176,8 @@ def check_target(path: Path, force: bool = False) -> None:
 def write_report(path: Path, title: str, chapters: Sequence[RunChapter]) -> None:
     """Write a report; the file appears complete or not at all."""
     text = render_report(title, chapters)
-    try:
-        with atomic_file(path) as draft:
-            draft.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise FraexpError(f"{path}: the report cannot be written: {error.strerror or error}") from None
+    with atomic_file(path) as draft:
+        draft.write_text(text, encoding="utf-8")
 
 
 def render_report(title: str, chapters: Sequence[RunChapter]) -> str:

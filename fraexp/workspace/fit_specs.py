@@ -89,12 +89,7 @@ def _parse_setting(text: str) -> tuple[str, object]:
     path, equals, value = text.partition("=")
     if not equals or not path.strip():
         raise StudyError(f"--set {text}: expected PARAMETER=VALUE, such as modes=2")
-    if not value.strip():
-        return path.strip(), None
-    try:
-        return path.strip(), toml.value(value)
-    except ValueError:
-        return path.strip(), value.strip()
+    return path.strip(), toml.value(value) if value.strip() else None
 
 
 def matrices(fit: Fit, registry: Registry) -> dict[str, object]:

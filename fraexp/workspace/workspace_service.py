@@ -17,7 +17,7 @@ from fraexp.execution.database_retry import DatabaseRetry
 from fraexp.execution.events import Ended, Event, Noticed, Planned
 from fraexp.execution.executors import ResourceLimits
 from fraexp.execution.scheduler import RunOptions
-from fraexp.records.first_look import Choice, RecordLook, choose, has_levels, identification_study, look_at
+from fraexp.records.first_look import Choice, RecordLook, choose, find_levels, identification_study
 from fraexp.records.study_writer import ImportRequest, is_same_study, study_data, write_study
 from fraexp.reports.published_comparisons import figure_name, run_title
 from fraexp.reports.stored_figures import StoredFigures
@@ -141,15 +141,12 @@ class WorkspaceService(WorkspaceFolder):
         is invalid. Files without an estimator that are records at several amplitudes are identified together.
         """
         path = self._study_path(request, target)
-        if (
-            len(request.files) > 1
-            and not (request.estimators or request.each_file or request.options.get("join_files"))
-            and has_levels(request, self.registry)
-        ):
-            look = look_at(request, self.registry)
+        is_chosen = request.estimators or request.each_file or request.options.get("join_files")
+        look = find_levels(request, self.registry) if len(request.files) > 1 and not is_chosen else None
+        if look is None:
+            yield from self._run_written(path, study_data(request, path.parent, self.registry))
+        else:
             yield from self.identify(request, look, choose(look), target)
-            return
-        yield from self._run_written(path, study_data(request, path.parent, self.registry))
 
     def identify(
         self, request: ImportRequest, look: RecordLook, choice: Choice, target: Path | None = None

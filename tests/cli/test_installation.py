@@ -181,5 +181,5 @@ def test_a_plugin_that_cannot_be_written_is_one_line(
     assert main(["new", "friction", "foo", "--workspace", str(tmp_path), *options]) == ExitCode.USAGE
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"fraexp: {tmp_path}")
-    assert "cannot be written (" in line
-    assert line.endswith("; choose a writable folder with --workspace")
+    assert "cannot be written: " in line
+    assert line.endswith("; choose another place")

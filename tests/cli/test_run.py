@@ -180,7 +180,7 @@ def test_a_figure_that_cannot_be_written_is_a_note_and_the_table_is_there(
     assert "conventional     ok " in printed.out
     notes = [line for line in printed.err.splitlines() if "figure" in line]
     assert notes == [notes[0]]
-    assert notes[0].startswith("run 1: no figure was drawn: figures/methods.png: the figure cannot be written: ")
+    assert notes[0].startswith("run 1: no figure was drawn: figures/methods.png: cannot be written: ")
 
 
 @pytest.mark.thorough

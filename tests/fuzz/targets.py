@@ -14,7 +14,7 @@ import pytest
 
 from fraexp.cli.arguments import UsageError, parse
 from fraexp.components.registry import Registry
-from fraexp.data import units
+from fraexp.data import toml, units
 from fraexp.data.identity import TAG
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
@@ -166,8 +166,8 @@ def _filter(text: str) -> None:
 
 def _override(text: str) -> None:
     value = text.partition("=")[2]
-    entries.entry_text(entries.parse_text(value))
-    value_text(entries.parse_text(value))
+    entries.entry_text(toml.value(value))
+    value_text(toml.value(value))
     override(text)
 
 

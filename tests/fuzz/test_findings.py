@@ -27,7 +27,6 @@ from fraexp.store.validation import parse_json
 from fraexp.study.sections import override
 from fraexp.study.study_file import load, read
 from fraexp.study.study_file import resolve as study_of_data
-from fraexp.views.entries import parse_text
 from tests.refusals import refused
 
 SOON = 5.0
@@ -67,7 +66,7 @@ DEEP = {"lists": "[" * 10_000 + "1" + "]" * 10_000, "long number": "1" * 5000, "
 
 @pytest.mark.parametrize("text", DEEP.values(), ids=DEEP)
 def test_deep_and_long_values_are_texts(text: str) -> None:
-    assert parse_text(text) == text
+    assert toml.value(text) == text
     assert override(f"plant.rigid_body_gain={text}") == ("plant.rigid_body_gain", text)
 
 

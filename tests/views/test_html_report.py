@@ -267,8 +267,8 @@ def test_a_wrong_wish_is_one_line(folder: Path, capsys: pytest.CaptureFixture[st
         (["1", "-o", "x.doc"], ExitCode.USAGE, "a report cannot be written as '.doc'"),
         (["9", "-o", "x.html"], ExitCode.STORE, "there is no run 9"),
         (["loop", "-o", "x.html"], ExitCode.USAGE, "no run of 'loop'"),
-        (["1", "-o", "studies/loops/a.toml/x.html"], ExitCode.USAGE, "the report cannot be written"),
-        (["1", "-o", "nowhere/x.html"], ExitCode.USAGE, "the report cannot be written"),
+        (["1", "-o", "studies/loops/a.toml/x.html"], ExitCode.USAGE, "cannot be written"),
+        (["1", "-o", "nowhere/x.html"], ExitCode.USAGE, "cannot be written"),
     ):
         assert main(["report", *arguments]) == code
         (said,) = capsys.readouterr().err.strip().splitlines()

@@ -231,8 +231,8 @@ m measures it on its machine: first the plan, then a question; while a machine i
             return
         try:
             self.app.push_screen(StudyEditor(copy_study(folder, item.file, name)))
-        except OSError as error:
-            self.app.notify(f"studies/{name}.toml: {error.strerror or error}", title="not copied", severity="error")
+        except FraexpError as error:
+            self.app.notify(str(error), title="not copied", severity="error")
 
 
 def _end_mark(run: RunSummary | None) -> tuple[int, str, int, int] | None:

@@ -14,6 +14,7 @@ from textual.widgets import Static, TextArea
 from fraexp.data import toml
 from fraexp.data.atomic_file import atomic_file
 from fraexp.data.terminal_text import printable
+from fraexp.errors import FraexpError
 from fraexp.study.catalogue import StudyEntry
 from fraexp.tui.dialogs import ConfirmDialog
 from fraexp.tui.page import ACTION_GROUP, Page, shorten
@@ -119,8 +120,8 @@ The examples of fraexp cannot be changed: N in Studies makes a copy of one in th
         try:
             with atomic_file(self.file) as draft:
                 draft.write_text(self.area.text, encoding="utf-8")
-        except OSError as error:
-            self.app.notify(f"{self.file}: {error.strerror or error}", title="not saved", severity="error")
+        except FraexpError as error:
+            self.app.notify(str(error), title="not saved", severity="error")
             return False
         self._saved = self.area.text
         self.reload()
@@ -155,9 +156,8 @@ def copy_fault(folder: Path, name: str) -> str:
 
 
 def copy_study(folder: Path, source: Path, name: str) -> Path:
-    """Copy a study into a workspace, and return its file; OSError if that cannot be written."""
+    """Copy a study into a workspace, and return its file; FraexpError if that cannot be written."""
     file = folder / "studies" / f"{name}.toml"
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_file(file) as draft:
+    with atomic_file(file, makes_folder=True) as draft:
         draft.write_bytes(source.read_bytes())
     return file

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from pydantic.fields import FieldInfo
 
-from fraexp.components.kinds import KINDS_BY_PORT, nested_kind
+from fraexp.components.kinds import KINDS_BY_PORT, nested_kind, parameter_group
 from fraexp.components.parameters import Parameters, inherited_from
 from fraexp.components.registry import Registry
 from fraexp.data import toml
@@ -14,7 +14,7 @@ from fraexp.data.sweep import components_by_port
 from fraexp.study.paths import unit_at
 from fraexp.study.sections import COMPONENTS, GRID, SECTIONS, SETTINGS
 from fraexp.views.components import parameter_document
-from fraexp.views.entries import ParameterEntry, entry_text, parameter_group
+from fraexp.views.entries import ParameterEntry, entry_text
 
 PlainSection = Mapping[str, object]
 EXECUTOR_OPTION, RERUN_OPTION = "--executor", "--rerun"
