@@ -52,7 +52,7 @@ DEFECTS = (
     ),
     Defect(
         "one-sided quantile", "fraexp/analysis/confidence.py",
-        "T_QUANTILE = 0.975", "T_QUANTILE = 0.95", "tests/analysis/test_confidence.py",
+        "(CONFIDENCE_LEVEL - within)", "(0.9 - within)", "tests/analysis/test_confidence.py",
     ),
     Defect(
         "rounding variance q²/3", "fraexp/analysis/quantisation.py",

@@ -1,19 +1,22 @@
 """Confidence limits of 95 % of a response, from its covariance and its degrees of freedom."""
 
+import math
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fraexp.analysis.tolerances import ROUNDING
 from fraexp.data.results import FrequencyResponse
 
 CONFIDENCE_LEVEL = 0.95
-T_QUANTILE = 0.975
-"""Quantile of Student's t that leaves as much beyond it as the confidence level leaves on one side."""
 NORMAL_QUANTILE = 1.959963984540054
-"""The same quantile of the normal distribution."""
-KNOWN_FREEDOM = 1e9
-"""Degrees of freedom in place of infinitely many, where a function has no limit for them; their value is not used."""
+"""The quantile of the normal distribution that leaves as much beyond it as the confidence level leaves on one side."""
+MANY_FREEDOMS = 500
+"""Degrees of freedom from which Student's t follows from the normal distribution to 1e-12."""
+NODES = 64
+"""Nodes of Gauss and Legendre, which integrate the density of Student's t to 1e-14."""
 ELLIPSE_POINTS = 180
 """Points of an ellipse at which its extremes are looked for."""
 
@@ -50,14 +53,33 @@ def interval_factor(freedom: NDArray[np.float64] | float) -> NDArray[np.float64]
 
     A standard deviation that is known has infinitely many degrees of freedom, and a factor of 1.96.
     """
-    freedom = np.asarray(freedom, dtype=float)
-    if np.isinf(freedom).all():
-        return np.full(freedom.shape, NORMAL_QUANTILE)
-    from scipy.special import stdtrit  # slow to import: many screens and commands need none of it
+    distinct, places = np.unique(np.asarray(freedom, dtype=float), return_inverse=True)
+    return np.asarray([_student_factor(each) for each in distinct])[places].reshape(np.shape(freedom))
 
-    finite = np.where(np.isinf(freedom), KNOWN_FREEDOM, freedom)
-    with np.errstate(invalid="ignore"):
-        return np.where(np.isinf(freedom), NORMAL_QUANTILE, stdtrit(finite, T_QUANTILE))
+
+_nodes = cache(np.polynomial.legendre.leggauss)
+
+
+def _student_factor(freedom: float) -> float:
+    """Return the factor for some degrees of freedom, at least 1, else NaN; scipy.special takes 0.2 s to be imported.
+
+    With t = √ν tan φ the density is that of cos^(ν-1) φ; of many degrees of freedom, R. A. Fisher and E. A. Cornish,
+    The percentile points of distributions having known cumulants, Technometrics 2(2), 1960.
+    """
+    z = NORMAL_QUANTILE
+    if freedom >= MANY_FREEDOMS:
+        terms = ((z**2 + 1) / 4, (5 * z**4 + 16 * z**2 + 3) / 96, (3 * z**6 + 19 * z**4 + 17 * z**2 - 15) / 384)
+        return float(z + sum(z * term / freedom**order for order, term in enumerate(terms, 1)))
+    if not freedom >= 1:
+        return np.nan
+    nodes, weights = _nodes(NODES)
+    density = 2 * math.exp(math.lgamma((freedom + 1) / 2) - math.lgamma(freedom / 2)) / math.sqrt(math.pi)
+    angle, step = math.atan(z / math.sqrt(freedom)), 1.0
+    while step > ROUNDING * angle:  # from below, along a concave function, and the last step squares the error
+        within = density * angle / 2 * float(np.cos(angle * (nodes + 1) / 2) ** (freedom - 1) @ weights)
+        step = (CONFIDENCE_LEVEL - within) / (density * math.cos(angle) ** (freedom - 1))
+        angle += step
+    return math.sqrt(freedom) * math.tan(angle)
 
 
 def circle_factor(freedom: NDArray[np.float64] | float) -> NDArray[np.float64]:

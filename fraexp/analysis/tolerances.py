@@ -1,5 +1,7 @@
 """What is told from nothing: the significance of a test, the size of a rounding error, and the steps of a search."""
 
+from statistics import NormalDist
+
 import numpy as np
 
 SIGNIFICANCE = 0.01
@@ -27,6 +29,4 @@ of it shows the flanks of such a peak as two lines."""
 
 def significant_deviation(trials: int = 1) -> float:
     """Return from how many standard deviations a normal variable, or the largest of several, is significant."""
-    from scipy.special import ndtri  # slow to import: many commands need none of it
-
-    return float(-ndtri(SIGNIFICANCE / 2 / max(trials, 1)))
+    return -NormalDist().inv_cdf(SIGNIFICANCE / 2 / max(trials, 1))

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import IO, NamedTuple
@@ -11,7 +12,7 @@ from matplotlib.figure import Figure
 from fraexp.data.atomic_file import atomic_file
 from fraexp.data.results import EXTREMUM_CURVES, Curve
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.canvas import figure_style
+from fraexp.figures.elements.canvas import figure_style, laid_out
 from fraexp.figures.elements.facets import panel_places
 from fraexp.figures.elements.grouping import CurvePlace, ShownResult, curve_places, facet_indices
 from fraexp.figures.elements.panel_figure import draw_panels
@@ -144,4 +145,5 @@ def _write(figure: Figure, target: IO[bytes], suffix: str, stamp: str) -> None:
         warnings.filterwarnings(
             "ignore", "Glyph .* missing"
         )  # the font lacks the script of a name, which is drawn as boxes
-        figure.savefig(target, format=suffix[1:], metadata=metadata[suffix])
+        with laid_out(figure) if suffix == ".png" else nullcontext():  # others measure texts otherwise
+            figure.savefig(target, format=suffix[1:], metadata=metadata[suffix])

@@ -72,9 +72,24 @@ def figure_style() -> Iterator[None]:
 def png_bytes(figure: "Figure") -> bytes:
     """Return a figure as PNG in this style."""
     stream = BytesIO()
-    with figure_style():
+    with figure_style(), laid_out(figure):
         figure.savefig(stream, format="png")
     return stream.getvalue()
+
+
+@contextmanager
+def laid_out(figure: "Figure") -> Iterator[None]:
+    """Lay a figure out before it is saved as PNG: matplotlib itself draws all of it once more to lay it out."""
+    engine = figure.get_layout_engine()
+    if engine is None:
+        yield
+        return
+    engine.execute(figure)
+    figure.set_layout_engine(None)
+    try:
+        yield
+    finally:
+        figure.set_layout_engine(engine)
 
 
 def new_figure(width: float, height: float) -> "Figure":
