@@ -19,14 +19,18 @@ from types import ModuleType
 
 from fraexp.errors import StudyError
 from fraexp.execution.executors.limits import ResourceLimits, size_text
-from fraexp.execution.executors.worker import Message, serve_jobs
+from fraexp.execution.executors.worker import PRELOADED, Message, serve_jobs
 from fraexp.execution.executors.workers import Answer, WorkerLostError, Workers
 from fraexp.execution.job import Job
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 """Variables that are 1 in workers: several processes compute in parallel, and sums keep their order."""
-SPAWN_CONTEXT = multiprocessing.get_context("spawn")
-"""Start method: a fork would inherit the connection to the database."""
+HAS_FORK_SERVER = "forkserver" in multiprocessing.get_all_start_methods()
+CONTEXT = multiprocessing.get_context("forkserver" if HAS_FORK_SERVER else "spawn")
+"""Start method: a fork of this process would inherit its connection to the database. A fork server has none; it loads
+what workers need once, in a second of processor time, and each of them is there at once."""
+if HAS_FORK_SERVER:
+    CONTEXT.set_forkserver_preload(["fraexp.execution.executors.worker", *PRELOADED])
 MAX_PIPED_JOBS = 8
 """Maximum number of jobs in a worker's pipe: short jobs must not wait for the next one."""
 MAX_PIPED_BYTES = 12_000
@@ -80,7 +84,7 @@ class Processes(Workers):
         self._limits = limits
         self._workers: list[_Worker] = []
         self._waiting: deque[_ProcessTask] = deque()
-        self._wake_receiver, self._wake_sender = SPAWN_CONTEXT.Pipe(duplex=False)
+        self._wake_receiver, self._wake_sender = CONTEXT.Pipe(duplex=False)
         self._lock = threading.Lock()
         """Held while a worker is added, all are ended, or the thread is woken."""
         self._is_woken = self._is_stopped = self._is_closing = False
@@ -238,11 +242,9 @@ class Processes(Workers):
             self._begin_task(worker)
 
     def _start_worker(self) -> None:
-        theirs, jobs = SPAWN_CONTEXT.Pipe(duplex=False)
-        answers, to_us = SPAWN_CONTEXT.Pipe(duplex=False)
-        process = SPAWN_CONTEXT.Process(
-            target=serve_jobs, args=(theirs, to_us, self._limits.memory), name="fraexp worker"
-        )
+        theirs, jobs = CONTEXT.Pipe(duplex=False)
+        answers, to_us = CONTEXT.Pipe(duplex=False)
+        process = CONTEXT.Process(target=serve_jobs, args=(theirs, to_us, self._limits.memory), name="fraexp worker")
         with self._lock:
             if self._is_stopped:
                 return

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from dataclasses import replace
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from typing import Any, Literal, NamedTuple
 
@@ -18,6 +19,8 @@ from fraexp.execution.watched_job import run_watched_job
 
 PROGRESS_INTERVAL_S = 0.1
 """Minimum interval between two progress messages of a job."""
+PRELOADED = ("fraexp.kernels.batch", "fraexp.kernels.prescribed_motion")
+"""What is imported before a worker is ready, beside this module: the compiler and all that it needs."""
 PIPE_ERRORS = (BrokenPipeError, ConnectionResetError)
 
 
@@ -95,15 +98,19 @@ def _send_answer(answers: Connection, answer: Answer, job: Job) -> None:
 
 
 def _end_when_parent_ends() -> None:
-    """Have this process end when its scheduler has ended, however that happened and whatever a plugin does."""
+    """Have this process end when its scheduler has ended, however that happened and whatever a plugin does.
+
+    The fork server, whose child this is, ends when nobody can ask it for workers any more.
+    """
     parent = multiprocessing.parent_process()
     if parent is None:
         return
     threading.Thread(target=_exit_when_ended, args=(parent,), daemon=True).start()
     if sys.platform == "linux":
+        os.close(forkserver._forkserver._forkserver_alive_fd)
         set_parent_death_signal = 1  # PR_SET_PDEATHSIG of prctl(2)
         ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
-        if os.getppid() != parent.pid:  # the parent has ended already
+        if not parent.is_alive():
             os._exit(1)
 
 
