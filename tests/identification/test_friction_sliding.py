@@ -64,14 +64,15 @@ def fewer(signals: Signals, every: int) -> Signals:
     return Signals((Segment(every * segment.sample_time, channels, segment.lines),), signals.units)
 
 
-@pytest.mark.parametrize("hold", [None, True, False])
-def test_a_thrust_that_is_neither_held_nor_even_widens_the_intervals(hold: bool | None) -> None:
+@pytest.mark.parametrize("late", [0, 3, 10])
+def test_a_dead_time_that_nobody_states_is_found(late: int) -> None:
     """Every fifth sample of a held thrust comes 0.4 of the new samples before one that is held, not 0.5."""
-    result = sliding(zero_order_hold=hold).estimate(fewer(record(), 5))
+    result = sliding().estimate(fewer(record(late=late), 5))
     found = values(result)
-    for name in ("mass", "viscous coefficient"):
-        assert abs(found[name] - TRUTH[name]) < found[f"{name}, 95 %"] < 0.2 * TRUTH[name], name
-    assert "the thrust between samples is unknown" in result.message
+    assert found["further dead time"] == pytest.approx((late - 2) / RATE, abs=2e-5)
+    for name, value in TRUTH.items():
+        assert found[name] == pytest.approx(value, rel=1e-3), name
+    assert "acts at another time than one that is held between samples and delayed as stated" in result.message
 
 
 @pytest.mark.thorough
@@ -83,7 +84,7 @@ def test_an_error_of_a_few_percent_is_reported_where_it_is_no_noise() -> None:
     result = sliding().estimate(shaken)
     found = values(result)
     (misfit,) = [each for each in result.findings if each.kind == "misfit"]
-    assert misfit.error == pytest.approx(0.053, abs=5e-4)
+    assert misfit.error == pytest.approx(0.053, abs=1e-3)
     assert all(abs(found[name] - value) < found[f"{name}, 95 %"] for name, value in TRUTH.items())
 
 

@@ -41,15 +41,16 @@ LAG_WINDOW = 5.0
 class CompressedRows:
     """The rows of some cycles, compressed by orthogonal transformations: small, with the same condition number."""
 
-    def __init__(self, rows: Sequence[Rows], free: int, cycles: NDArray[np.int64]) -> None:
-        self.free = free
-        parts, self.count = [], 0
+    def __init__(self, rows: Sequence[Rows], problem: FrictionProblem, cycles: NDArray[np.int64]) -> None:
+        self.free, self.size = problem.signed, rows[0].columns.shape[1]
+        parts: list[NDArray[np.float64]] = [problem.prior_rows(self.size)]
+        self.count = 0
         for each in rows:
             chosen = np.isin(each.cycle, cycles)
             self.count += int(chosen.sum())
-            parts.append(np.linalg.qr(np.column_stack([each.columns[chosen], each.force[chosen]]), mode="r"))
+            table = np.column_stack([each.columns[chosen], each.force[chosen]])
+            parts.append(np.asarray(np.linalg.qr(table, mode="r")))
         self.triangle = np.asarray(np.linalg.qr(np.concatenate(parts), mode="r"))
-        self.size = self.triangle.shape[1] - 1
 
     def solve(self, used: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return the coefficients, shape (p,), of least squared error: those not `used` are 0, those not free ≥ 0."""
@@ -79,19 +80,28 @@ def long_run_variance(residuals: Sequence[NDArray[np.float64]], parameters: floa
     return squared / max(count - parameters, 1) * max(float(time[enough[0]]) if enough.size else 1.0, 1.0)
 
 
-def misfit_variance(count: int, parameters: int, error: float) -> float:
-    """Return the variance [N²] of `count` rows whose root mean square `error` [N] is an error of the model.
-
-    Such an error does not average out: as much of it may be in the parameters as in the residuals, so that the rows
-    count as one for each parameter.
-    """
-    return error**2 * count / max(parameters, 1)
-
-
 WAVES = 64
 """Waves of the force along the stroke, the shortest one a sixty-fourth of it."""
 PERIOD_RATIO = 1.25
 """Length of the longest wave over the stroke: the force at its ends need not be the same."""
+
+
+def stroke_waves(records: Sequence[FrictionRecord], rows: Sequence[Rows]) -> NDArray[np.float64]:
+    """Return sines and cosines along the stroke in the rows of all records, shape (rows, 4 WAVES).
+
+    They are alike in both directions of the motion, and then with its sign.
+    """
+    positions = np.concatenate([record.displacement for record in records])
+    first, length = float(positions.min()), PERIOD_RATIO * float(np.ptp(positions))
+
+    def wave_of(record: FrictionRecord) -> Iterator[NDArray[np.float64]]:
+        phase = 2 * np.pi * (record.displacement - first) / length
+        for sign in (np.ones_like(phase), np.sign(record.velocity)):
+            for function in (np.cos, np.sin):
+                yield from (sign * function(number * phase) for number in range(1, WAVES + 1))
+
+    pairs = zip(records, rows, strict=True)  # all waves of a long record at once would fill the memory
+    return np.concatenate([np.column_stack([of.weights.friction @ w for w in wave_of(r)]) for r, of in pairs])
 
 
 class Regression(NamedTuple):
@@ -107,37 +117,6 @@ class Regression(NamedTuple):
     """Number of waves that the rows determine."""
 
 
-@dataclass(frozen=True)
-class Waves:
-    """Sines and cosines along the stroke: alike in both directions of the motion, and with its sign."""
-
-    first: float
-    """Least position [m]."""
-    length: float
-    """Length of the longest wave [m]."""
-
-    @classmethod
-    def along(cls, records: Sequence[FrictionRecord]) -> "Waves":
-        """Return the waves for the stroke of all records."""
-        positions = np.concatenate([record.displacement for record in records])
-        return cls(float(positions.min()), PERIOD_RATIO * float(np.ptp(positions)))
-
-    def columns(self, record: FrictionRecord) -> Iterator[NDArray[np.float64]]:
-        """Yield the waves along a record one by one, each of shape (n,): all of a long record are too much at once."""
-        phase = 2 * np.pi * (record.displacement - self.first) / self.length
-        for sign in (np.ones_like(phase), np.sign(record.velocity)):
-            for function in (np.cos, np.sin):
-                for number in range(1, WAVES + 1):
-                    yield sign * function(number * phase)
-
-    @staticmethod
-    def octaves() -> NDArray[np.int64]:
-        """Return the number of the octave of each column, shape (4 WAVES,): each has a variance of its own."""
-        octave = np.floor(np.log2(np.arange(1, WAVES + 1))).astype(np.int64)
-        both = np.concatenate([octave, octave])
-        return np.concatenate([both, both + 1 + int(octave.max())])
-
-
 def regress(
     columns: NDArray[np.float64], waves: NDArray[np.float64], force: NDArray[np.float64], independent: float
 ) -> Regression:
@@ -148,71 +127,44 @@ def regress(
     What the motion does not separate from the terms, such as a force along a stroke that is always accelerated alike,
     stays in their covariance. `independent` is the part of the rows that is independent of each other.
     """
-    octaves = Waves.octaves()
+    count = columns.shape[1]
     scale = np.sqrt(np.add.reduce(columns**2, axis=0) / len(columns))
-    table = np.sqrt(independent) * np.column_stack([waves, columns / scale, force])
+    table = np.sqrt(independent) * np.column_stack([columns / scale, waves, force])
     triangle = np.asarray(np.linalg.qr(table, mode="r"))
-    count = independent * len(force)
+    # below the rows of the terms, waves and force are those that the terms do not explain
+    seen, left = triangle[count:, count:-1], triangle[count:, -1]
+    gram, moment, square = seen.T @ seen, seen.T @ left, float(left @ left)
+    freedom = max(independent * len(force) - count, 1.0)
+    octave = np.floor(np.log2(np.arange(1, WAVES + 1))).astype(np.int64)
+    octaves = np.concatenate([octave, octave, octave + 1 + octave[-1], octave + 1 + octave[-1]])
+
+    def solve(ratio: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return amplitudes, and their covariance over the variance of a row, for variances over that of a row."""
+        root = np.sqrt(ratio)[octaves]
+        inverse = root[:, None] * np.linalg.inv(root[:, None] * gram * root + np.eye(root.size)) * root
+        return inverse @ moment, inverse
+
     ratio = np.full(octaves.max() + 1, 1.0 / octaves.size)
     for _ in range(MAX_ITERATIONS):
-        solution = _solve(triangle, ratio[octaves], columns.shape[1], count)
-        updated = _updated(solution, ratio, octaves)
-        change = np.max(np.abs(np.log(updated / ratio)))
-        ratio = updated
+        amplitudes, inverse = solve(ratio)
+        variance = max((square - float(moment @ amplitudes)) / freedom, np.finfo(float).tiny)
+        energy = np.bincount(octaves, amplitudes**2) / variance
+        known = np.bincount(octaves, 1 - np.diag(inverse) / ratio[octaves])
+        updated = np.maximum(energy / np.maximum(known, ROUNDING), ROUNDING)
+        change, ratio = np.max(np.abs(np.log(updated / ratio))), updated
         if change < CONVERGED:
             break
     # all of an octave may be in one of its waves: of the waves that the motion hardly separates from the terms the
     # variance decides, so it is that of such a wave
     ratio = ratio * np.bincount(octaves)
-    solution = _solve(triangle, ratio[octaves], columns.shape[1], count)
+    amplitudes, inverse = solve(ratio)
+    own, beside = np.linalg.inv(triangle[:count, :count]) / scale[:, None], triangle[:count, count:-1]
     return Regression(
-        solution.terms / scale,
-        independent * solution.inverse / np.outer(scale, scale),
-        waves @ solution.amplitudes,
-        float(np.sum(1 - solution.spread)),
+        own @ (triangle[:count, -1] - beside @ amplitudes),
+        independent * own @ (np.eye(count) + beside @ inverse @ beside.T) @ own.T,
+        waves @ amplitudes,
+        float(np.sum(1 - np.diag(inverse) / ratio[octaves])),
     )
-
-
-class _Solution(NamedTuple):
-    terms: NDArray[np.float64]
-    inverse: NDArray[np.float64]
-    """Covariance of the terms over the variance of a row, shape (p, p)."""
-    amplitudes: NDArray[np.float64]
-    """Amplitudes of the waves [N], shape (q,)."""
-    spread: NDArray[np.float64]
-    """Their variances after the rows are known, over their variances before, shape (q,)."""
-    variance: float
-    """Of a row [N²]."""
-
-
-def _solve(triangle: NDArray[np.float64], ratio: NDArray[np.float64], terms: int, count: float) -> _Solution:
-    """Return the solution for waves whose variances are `ratio` times that of a row.
-
-    The waves count as rows of their own, which say that their amplitudes are 0 with a standard deviation of 1.
-    """
-    size = ratio.size
-    scaled = triangle.copy()
-    scaled[:, :size] *= np.sqrt(ratio)
-    prior = np.eye(size, scaled.shape[1])
-    root = np.asarray(np.linalg.qr(np.concatenate([scaled, prior]), mode="r"))
-    variance = max(float(root[-1, -1] ** 2) / max(count - terms, 1.0), np.finfo(float).tiny)
-    inverse = np.linalg.inv(root[:-1, :-1])
-    values = inverse @ root[:-1, -1]
-    block = inverse[size:]
-    return _Solution(
-        values[size:],
-        block @ block.T,
-        np.sqrt(ratio) * values[:size],
-        np.add.reduce(inverse[:size] ** 2, axis=1),
-        variance,
-    )
-
-
-def _updated(solution: _Solution, ratio: NDArray[np.float64], octaves: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the next variances of the octaves over that of a row: energy of their waves over how many are known."""
-    energy = np.bincount(octaves, solution.amplitudes**2) / solution.variance
-    known = np.bincount(octaves, 1 - solution.spread)
-    return np.maximum(energy / np.maximum(known, ROUNDING), ROUNDING)
 
 
 def least_squares(columns: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -258,13 +210,17 @@ class FrictionFit:
         return self.problem.rows_with([columns_along(self.forces, record) for record in self.problem.records])
 
     @cached_property
+    def compressed(self) -> CompressedRows:
+        """The rows of the fitted cycles."""
+        return CompressedRows(self.rows, self.problem, self.problem.cycles)
+
+    @cached_property
     def coefficients(self) -> NDArray[np.float64]:
         """Those of the terms, then the sizes, shape (p,)."""
-        compressed = CompressedRows(self.rows, self.problem.signed, self.problem.cycles)
-        used = np.ones(compressed.size, dtype=bool)
+        used = np.ones(self.compressed.size, dtype=bool)
         if self.neighbours is not None:
             used[len(self.problem.terms) :] = ~self.neighbours
-        return compressed.solve(used)
+        return self.compressed.solve(used)
 
     @property
     def shape(self) -> NDArray[np.float64]:
@@ -329,11 +285,27 @@ class FrictionFit:
         pairs = zip(self.problem.forces_in_rows(by_shape), self.rows, strict=True)
         return [np.hstack([each, rows.columns]) for each, rows in pairs]
 
+    @cached_property
+    def prior(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """What is known before as rows: their slopes, shape (k, q + p), and deviations [N], shape (k,)."""
+        table = self.problem.prior_rows(self.coefficients.size)
+        slopes = np.pad(table[:, :-1], ((0, 0), (self.shape.size, 0)))
+        return slopes, table[:, -1] - table[:, :-1] @ self.coefficients
+
+    @property
+    def deviations(self) -> NDArray[np.float64]:
+        """Residuals of the fitted cycles, and deviations from what is known before [N]."""
+        return np.append(self.fitted_residuals, self.prior[1])
+
+    @cached_property
+    def jacobian(self) -> NDArray[np.float64]:
+        """Derivatives of the forces in these rows by shape and coefficients, shape (rows + k, q + p)."""
+        return np.concatenate([*self.problem.fitted(self.slopes), self.prior[0]])
+
     @property
     def projected_slopes(self) -> NDArray[np.float64]:
-        """Derivative of the residual by the shape, with the sizes of least squares at each shape (L. Kaufman, 1975)."""
-        jacobian = np.concatenate(self.problem.fitted(self.slopes))
-        slopes, columns = np.split(jacobian, [self.shape.size], axis=1)
+        """Derivative of deviations by the shape, with the sizes of least squares at each shape (L. Kaufman, 1975)."""
+        slopes, columns = np.split(self.jacobian, [self.shape.size], axis=1)
         used = columns[:, self.coefficients != 0]  # a size that stays at 0 does not follow the shape
         scale = np.linalg.norm(used, axis=0)
         basis, _ = np.linalg.qr(used / np.where(scale > 0, scale, 1.0))
@@ -343,8 +315,10 @@ class FrictionFit:
         """Return the law's numbers, then the terms, at a shape and coefficients."""
         shape, terms, sizes = self._parts(point)
         of_law = replace(self.forces, shape=shape).numbers(sizes)
-        named = zip(self.problem.terms, terms.tolist(), strict=True)
-        return of_law + [Number(name, value, TERM_UNITS[name]) for name, value in named]
+        found = dict(zip(self.problem.terms, terms.tolist(), strict=True))
+        if "dead_time" in found:
+            found["dead_time"] += self.problem.observation.later
+        return of_law + [Number(name, value, TERM_UNITS[name]) for name, value in found.items()]
 
     @cached_property
     def numbers(self) -> list[Number]:
@@ -393,7 +367,7 @@ class FrictionFit:
         may_act = self.sizes > 0 if self.neighbours is None else self.neighbours | (self.sizes > 0)
         used = np.append(np.ones(self.point.size - self.sizes.size, dtype=bool), may_act)
         found = np.zeros((used.size, used.size))
-        found[np.ix_(used, used)] = inverse_square(np.concatenate(self.problem.fitted(self.slopes))[:, used])
+        found[np.ix_(used, used)] = inverse_square(self.jacobian[:, used])
         return found
 
     @property
@@ -404,33 +378,32 @@ class FrictionFit:
         freedom = max(residual.size - self.point.size - waves, 1.0)
         return max(float(residual @ residual) / freedom * per_noise, np.finfo(float).tiny)
 
-    @cached_property
-    def covariance(self) -> NDArray[np.float64]:
-        """Covariance of the numbers: with the residual's correlation, errors of the model, and what is not known."""
+    @property
+    def variance(self) -> float:
+        """Variance of a row [N²] if the rows were independent: with the residual's correlation, and model errors."""
         residuals = [] if self.problem.observation.is_independent else self.problem.fitted(self.residuals)
         count = self.point.size + (0.0 if self.stroke is None else self.stroke.waves * self.problem.rows_per_noise)
         variance = max(long_run_variance(residuals, count), self.white_variance)
-        if self.has_model_error:
-            variance = max(variance, misfit_variance(self.fitted_residuals.size, self.point.size, self.error))
-        covariance = self.inverse * variance + sum(np.outer(doubt, doubt) for doubt in self._doubts)
+        # A model error does not average out: as much of it may be in the parameters as in the residuals, so that the
+        # rows count as one for each parameter.
+        rows = self.fitted_residuals.size / max(self.point.size, 1)
+        return max(variance, self.error**2 * rows) if self.has_model_error else variance
+
+    @cached_property
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariance of the numbers: with the residual's correlation, errors of the model, and what is not known."""
+        covariance = self.inverse * self.variance
+        if self.stroke is not None:  # what the force along the stroke changes, where it widens the covariance
+            plain = np.diag(inverse_square(self.jacobian))
+            change = self.stroke.values * np.clip(1 - plain / np.diag(self.stroke.inverse), 0.0, 1.0)
+            covariance += np.outer(change, change)
         found = self.number_slopes @ covariance @ self.number_slopes.T
         names = [each.name for each in self.numbers]
         if "mass" in names and self.problem.speed is not None:  # friction jumps at an unknown time while it stands
             place = names.index("mass")
-            found[place, place] += (
-                self.coulomb_force * self.problem.standstill_time / self.problem.speed / NORMAL_QUANTILE
-            ) ** 2
+            jump = self.coulomb_force * self.problem.standstill_time / self.problem.speed
+            found[place, place] += (jump / NORMAL_QUANTILE) ** 2
         return found
-
-    @property
-    def _doubts(self) -> Iterator[NDArray[np.float64]]:
-        """Yield the changes of shape and coefficients by a force along the stroke, and by the lead of the thrust."""
-        jacobian = np.concatenate(self.problem.fitted(self.slopes))
-        if self.stroke is not None:
-            plain = np.diag(inverse_square(jacobian))
-            yield self.stroke.values * np.clip(1 - plain / np.diag(self.stroke.inverse), 0.0, 1.0)
-        if self.problem.lead_doubt:
-            yield self.inverse @ (jacobian.T @ self.problem.thrust_doubt)
 
     @cached_property
     def number_slopes(self) -> NDArray[np.float64]:
@@ -445,19 +418,47 @@ class FrictionFit:
 
     def beside_stroke_force(self) -> "FrictionFit":
         """Return the fit beside a force along the stroke, such as cogging, if that explains most of the error."""
-        waves = Waves.along(self.problem.records)
-        columns = [
-            np.column_stack([rows.weights.friction @ wave for wave in waves.columns(record)])
-            for record, rows in zip(self.problem.records, self.rows, strict=True)
-        ]
-        residual, per_noise = np.concatenate(self.residuals), self.problem.rows_per_noise
-        found = regress(np.concatenate(self.slopes), np.concatenate(columns), residual, 1 / per_noise)
-        beside = replace(self, stroke=found)
+        waves, best = stroke_waves(self.problem.records, self.rows), self
+        for _ in range(MAX_ITERATIONS):
+            prior, deviation = best.prior
+            every, residual = (
+                np.pad(waves, ((0, len(prior)), (0, 0))),
+                np.concatenate(replace(best, stroke=None).residuals),
+            )
+            slopes, force = np.concatenate([*best.slopes, prior]), np.append(residual, deviation)
+            found = regress(slopes, every, force, 1 / self.problem.rows_per_noise)
+            beside = replace(best, stroke=found._replace(force=found.force[: residual.size]))
+            std = float(np.sqrt(beside.variance))
+            if not len(prior) or std > MAX_ERROR_RATIO * best.problem.row_std:
+                break
+            best = replace(self, problem=replace(self.problem, row_std=std))
         return beside if beside.error < MAX_ERROR_RATIO * self.error else self
 
 
 def _root_mean_square(values: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.add.reduce(values**2) / values.size)) if values.size else np.nan
+
+
+DEAD_TIME_TOLERANCE = 0.01
+"""Step of the dead time in samples that is the last one."""
+
+
+def with_dead_time(problem: FrictionProblem, forces: LawForces) -> FrictionProblem:
+    """Return a problem at the dead time that these forces tell, and with the deviation of rows that they leave.
+
+    What is known before of a dead time is compared to that deviation, which begins with the rows alone.
+    """
+    if "dead_time" not in problem.terms:
+        return problem
+    problem = replace(problem, row_std=float(np.sqrt(FrictionFit(problem, forces).variance)))
+    for _ in range(MAX_ITERATIONS):
+        fit = FrictionFit(problem, forces)
+        step, std = fit.term("dead_time") - problem.observation.later, float(np.sqrt(fit.variance))
+        has_converged = abs(step) < DEAD_TIME_TOLERANCE * problem.records[0].sample_time
+        if has_converged and MAX_ERROR_RATIO < std / max(problem.row_std, np.finfo(float).tiny) < 1 / MAX_ERROR_RATIO:
+            break
+        problem = problem.moved(step, std)
+    return problem
 
 
 def fit_law(problem: FrictionProblem, model: FrictionModel, max_iterations: int) -> FrictionFit:
@@ -489,7 +490,7 @@ def search_shape(problem: FrictionProblem, model: FrictionModel, max_iterations:
         return known[-1]
 
     found, has_converged = minimise(
-        lambda shape: at(shape).fitted_residuals,
+        lambda shape: at(shape).deviations,
         law.shape,
         law.bounds((float(grid[0]), float(grid[-1])) if grid.size else (0.0, np.inf)),
         max_iterations,
@@ -511,11 +512,11 @@ def fit_elements(problem: FrictionProblem, elements: int, has_known_thresholds: 
     one whose removal increases the error least; their number is `elements`, or, if that is 0, the one with the smallest
     squared error over the held-out cycles.
     """
-    rows, count = _rows(problem), len(problem.terms)
-    fitted = CompressedRows(rows, problem.signed, problem.cycles)
-    terms = np.arange(rows[0].columns.shape[1]) < count
+    grid, count = grid_fit(problem), len(problem.terms)
+    fitted = grid.compressed
+    terms = np.arange(fitted.size) < count
     sets = [np.ones_like(terms)] if has_known_thresholds else _nested_sets(fitted, terms)
-    coefficients = fitted.solve(_choose_set(sets, rows, problem, fitted, elements))
+    coefficients = fitted.solve(_choose_set(sets, grid, elements))
     kept = coefficients[count:] > 0
     if not kept.any():
         raise RecordError(
@@ -529,26 +530,18 @@ def fit_elements(problem: FrictionProblem, elements: int, has_known_thresholds: 
     return FrictionFit(problem, rolling_elements(chosen, owner=owner), neighbours=~kept[of_grid])
 
 
-def grid_error(problem: FrictionProblem) -> float:
-    """Return the root mean square error [N] with all elements of the grid."""
-    compressed = CompressedRows(_rows(problem), problem.signed, problem.cycles)
-    return float(np.sqrt(compressed.mean_square(compressed.solve(np.ones(compressed.size, dtype=bool)))))
+def grid_fit(problem: FrictionProblem) -> FrictionFit:
+    """Return the fit of all elements of the grid."""
+    return FrictionFit(problem, rolling_elements(problem.thresholds))
 
 
 def curve_end(problem: FrictionProblem, *, spring_remarks: bool = True) -> tuple[float, list[Finding | str]]:
     """Return the end of the virgin curve [m], which a wide motion hardly resolves, and remarks on a spring."""
-    compressed = CompressedRows(_rows(problem), problem.signed, problem.cycles)
-    coefficients = compressed.solve(np.ones(compressed.size, dtype=bool))
-    remarks = _spring_remarks(problem, compressed.mean_square(coefficients))
-    force = coefficients[len(problem.terms) :]
-    reached = np.searchsorted(np.cumsum(force), CURVE_END_FORCE * force.sum())
-    end = GRID_MARGIN * float(problem.thresholds[min(reached, force.size - 1)])
+    grid = grid_fit(problem)
+    remarks = _spring_remarks(grid)
+    reached = np.searchsorted(np.cumsum(grid.sizes), CURVE_END_FORCE * grid.sizes.sum())
+    end = GRID_MARGIN * float(problem.thresholds[min(reached, grid.sizes.size - 1)])
     return min(end, float(problem.thresholds[-1])), remarks if spring_remarks else []
-
-
-def _rows(problem: FrictionProblem) -> list[Rows]:
-    grid = rolling_elements(problem.thresholds)
-    return problem.rows_with([columns_along(grid, record) for record in problem.records])
 
 
 def _nested_sets(fitted: CompressedRows, terms: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
@@ -564,43 +557,30 @@ def _nested_sets(fitted: CompressedRows, terms: NDArray[np.bool_]) -> list[NDArr
     return sets
 
 
-def _choose_set(
-    sets: Sequence[NDArray[np.bool_]],
-    rows: Sequence[Rows],
-    problem: FrictionProblem,
-    fitted: CompressedRows,
-    elements: int,
-) -> NDArray[np.bool_]:
+def _choose_set(sets: Sequence[NDArray[np.bool_]], grid: FrictionFit, elements: int) -> NDArray[np.bool_]:
     """Return the set of so many elements, or the smallest set with the smallest held-out error."""
     if len(sets) == 1:
         return sets[0]
+    problem = grid.problem
     if elements:
         sizes = [int(kept.sum()) - len(problem.terms) for kept in sets]
         return next((kept for kept, size in zip(sets, sizes, strict=True) if size <= elements), sets[-1])
-    held_out = CompressedRows(rows, problem.signed, problem.held_out)
-    held_out = held_out if held_out.count else fitted
-    errors = np.array([held_out.mean_square(fitted.solve(kept)) for kept in sets])
+    held_out = CompressedRows(grid.rows, problem, problem.held_out if problem.held_out.size else problem.cycles)
+    errors = np.array([held_out.mean_square(grid.compressed.solve(kept)) for kept in sets])
     return sets[int(np.flatnonzero(errors <= errors.min() * EQUAL_ERROR**2)[-1])]
 
 
-def _spring_remarks(problem: FrictionProblem, without: float) -> list[Finding | str]:
-    """Return a remark if a spring to ground explains a part of the force; RecordError if it explains most of it.
-
-    `without` is the mean squared error without it [N²].
-    """
-    grid = rolling_elements(problem.thresholds)
-    columns = [np.column_stack([columns_along(grid, each), each.displacement]) for each in problem.records]
-    compressed = CompressedRows(problem.rows_with(columns), problem.signed, problem.cycles)
-    found = compressed.solve(np.ones(compressed.size, dtype=bool))
-    stroke = max(float(np.ptp(record.displacement)) for record in problem.records)
-    slipping = float(np.sum(found[len(problem.terms) : -1]))
-    spring = found[-1] * stroke / 2
-    if spring <= REMARKED_SPRING * slipping or compressed.mean_square(found) > MAX_ERROR_RATIO**2 * without:
+def _spring_remarks(grid: FrictionFit) -> list[Finding | str]:
+    """Return a remark if a spring to ground explains a part of the force; RecordError if it explains most of it."""
+    stroke = max(float(np.ptp(record.displacement)) for record in grid.problem.records)
+    wide = replace(grid, forces=rolling_elements(np.append(grid.problem.thresholds, stroke)))  # the last never slips
+    slipping, spring = float(wide.sizes[:-1].sum()), float(wide.sizes[-1]) / 2
+    if spring <= REMARKED_SPRING * slipping or wide.error > MAX_ERROR_RATIO * grid.error:
         return []
     rise = (
         Quantity(stroke, "m", "stroke"),
-        Quantity(float(spring), "N", "rise of the force over it"),
-        Quantity(float(spring) + slipping, "N", "force at its end"),
+        Quantity(spring, "N", "rise of the force over it"),
+        Quantity(spring + slipping, "N", "force at its end"),
     )
     if spring > REFUSED_SPRING * slipping:
         parts = [part for of in rise for part in (", ", of)]

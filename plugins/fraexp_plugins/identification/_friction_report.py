@@ -18,9 +18,16 @@ MIN_DEFLECTION_STEPS = 10.0
 MIN_CURVATURE_STDS, MIN_CURVATURE = 4.0, 0.05
 """Standard deviations of a quadratic term, and its part of the viscous force at the largest speed, from which friction
 is not linear in the velocity."""
+MIN_DEAD_TIME_SAMPLES = 0.05
+"""Further dead time in samples on which there is a remark."""
 MAX_CURVE_SAMPLES = 2000
 """Samples of the curve of forces."""
-TITLES = {"viscous": "viscous coefficient", "asymmetry": "viscous asymmetry", "coulomb_force": "Coulomb force"}
+TITLES = {
+    "viscous": "viscous coefficient",
+    "asymmetry": "viscous asymmetry",
+    "coulomb_force": "Coulomb force",
+    "dead_time": "further dead time",
+}
 
 
 def report(signals: Signals, fit: FrictionFit, verdict: Finding | None = None) -> Result:
@@ -58,6 +65,11 @@ def _findings(fit: FrictionFit) -> Iterator[Finding | str]:
         )
         size = float(np.std(fit.stroke.force))
         yield Finding("remark", (Quantity(size, "N", "rms"),), text=text)
+    dead_time, sample_time = fit.term("dead_time"), fit.problem.records[0].sample_time
+    if abs(dead_time) > max(_half_widths(fit).get("dead_time", 0.0), MIN_DEAD_TIME_SAMPLES * sample_time):
+        text = "the thrust acts at another time than one that is held between samples and delayed as stated"
+        remedy = "if you know better, set input_dead_time, or zero_order_hold"
+        yield Finding("remark", (Quantity(dead_time, "s", "further dead time"),), text=text, remedy=remedy)
     half_width, force = _coulomb_half_width(fit), fit.coulomb_force
     if half_width > 0:
         known = Quantity(100 * half_width / force, "%", "known to")
@@ -183,7 +195,9 @@ LISTS = ("stiffness", "limit_force")
 
 def _model(fit: FrictionFit) -> Fit:
     """Return the friction model with the covariance of its numbers."""
-    inside = [place for place, each in enumerate(fit.numbers) if each.name not in ("offset", "asymmetry", "mass")]
+    inside = [
+        place for place, each in enumerate(fit.numbers) if each.name not in ("offset", "asymmetry", "mass", "dead_time")
+    ]
     chosen = [fit.numbers[place] for place in inside]
     return Fit(
         "friction",

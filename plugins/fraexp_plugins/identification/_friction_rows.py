@@ -141,8 +141,8 @@ FILTER_HALF_LENGTH_STDS = 4.0
 """Half length of the low-pass filter in its standard deviations."""
 DIFFERENCE_ORDER = 8
 """Order of the differences that show noise: with half of it fast motion looks like noise."""
-HELD, EVEN = 0.0, 0.5
-"""Samples by which a thrust comes earlier than a held one: one that is held, and one that goes on between samples."""
+EVEN = 0.5
+"""Samples by which a thrust that goes on between samples comes earlier than a held one."""
 TRIM_START, TRIM_END = 0.4, 0.15
 """Parts of a run that are left out: presliding and the loop settle at its start, and it brakes at its end."""
 MAX_VELOCITY_CHANGE = 0.1
@@ -184,6 +184,7 @@ class Observation(ABC):
     min_rows: int = 60
     """Rows that a regression needs."""
     rows_name: str = "rows"
+    later: float = 0.0
     is_independent: bool = False
     """Whether the rows are independent of each other."""
 
@@ -215,13 +216,13 @@ class ThrustAndMotion(Observation):
     """Frequency up to which both are compared [Hz]."""
     delay: float
     """Delay of a held thrust relative to the position's samples [s]."""
-    lead: float = HELD
-    """Samples by which the thrust comes earlier than a held one."""
+    later: float = 0.0
+    """Further dead time that was found [s]."""
 
     def weights(self, record: FrictionRecord) -> RowWeights:
         """Return the weights in low-pass filtered second differences."""
         low_pass, size = self._low_pass(record), record.displacement.size
-        delay = self.delay / record.sample_time - self.lead
+        delay = (self.delay + self.later) / record.sample_time
         whole = int(np.floor(delay + 1e-9))
         part = max(delay - whole, 0.0)
         late = part**2 / 2, 0.5 + part - part**2, (1 - part) ** 2 / 2
@@ -239,7 +240,7 @@ class ThrustAndMotion(Observation):
         size = record.displacement.size
         std = np.sqrt(np.log(2)) / (2 * np.pi * self.max_frequency) / record.sample_time
         half_length = int(np.ceil(FILTER_HALF_LENGTH_STDS * std))
-        margin = half_length + int(np.ceil(abs(self.delay) / record.sample_time)) + 3
+        margin = half_length + int(np.ceil(abs(self.delay + self.later) / record.sample_time)) + 2
         centres = np.arange(margin, size - margin, max(int(std), 1))
         if not centres.size:
             raise RecordError(
@@ -335,9 +336,9 @@ class Rows:
         return replace(self, **found, weights=self.weights.select(chosen))
 
 
-TERM_UNITS = {"mass": "kg", "viscous": "N s/m", "offset": "N", "asymmetry": "N s/m"}
+TERM_UNITS = {"mass": "kg", "viscous": "N s/m", "offset": "N", "asymmetry": "N s/m", "dead_time": "s"}
 """Terms that may be fitted beside a law, with their units."""
-SIGNED_TERMS = ("offset", "asymmetry")
+SIGNED_TERMS = ("offset", "asymmetry", "dead_time")
 """Those of either sign, which come first; all others are not negative."""
 MAX_UNKNOWN_WEIGHT = 1e-3
 """Weight of samples whose friction is unknown up to which a row is used."""
@@ -370,8 +371,8 @@ class FrictionProblem:
     """The speed of all sliding [m/s] if there is only one."""
     is_sliding: bool = False
     """Whether only rows in which the machine slides are fitted."""
-    lead_doubt: float = 0.0
-    """Samples by which the thrust may come earlier than the observation assumes."""
+    row_std: float = 0.0
+    """Standard deviation of a row [N], to which what is known before of a dead time is compared."""
 
     @cached_property
     def rows(self) -> list[Rows]:
@@ -392,6 +393,7 @@ class FrictionProblem:
         plain = weights.friction @ np.column_stack([np.ones_like(v), np.abs(v), v, ~known])
         columns = dict(zip(("offset", "asymmetry", "viscous", "unknown"), plain.T, strict=True))
         columns["mass"] = weights.acceleration @ record.displacement
+        columns["dead_time"] = weights.force @ np.gradient(record.force, record.sample_time)
         samples = np.rint(weights.friction @ np.arange(v.size)).astype(np.int64)
         every = Rows(
             columns=np.array([columns[term] for term in self.terms]).reshape(-1, samples.size).T,
@@ -421,17 +423,24 @@ class FrictionProblem:
         """Return what belongs to the cycles that are fitted, of each record."""
         return [part[np.isin(rows.cycle, self.cycles)] for part, rows in zip(parts, self.rows, strict=True)]
 
-    def with_lead(self, lead: float) -> "FrictionProblem":
-        """Return the problem with a thrust that comes so many samples earlier than a held one."""
-        assert isinstance(self.observation, ThrustAndMotion)
-        return replace(self, observation=replace(self.observation, lead=lead))
+    def prior_rows(self, columns: int) -> NDArray[np.float64]:
+        """Return what is known before as rows of columns and left-hand side, shape (k, columns + 1).
 
-    @property
-    def thrust_doubt(self) -> NDArray[np.float64]:
-        """Change of the forces of all fitted rows [N] by the lead of the thrust that is not known, shape (rows,)."""
+        A thrust is held between samples, as that of a controller, or goes on, as that of a force sensor, and is half a
+        sample earlier: the mean of both is known to half of their difference.
+        """
+        found, half = np.zeros((1, columns + 1)), EVEN / 2 * self.records[0].sample_time
+        if "dead_time" not in self.terms:
+            return found[:0]
+        found[0, self.terms.index("dead_time")] = self.row_std / half
+        found[0, -1] = self.row_std * (-half - self.observation.later) / half
+        return found
+
+    def moved(self, dead_time: float, row_std: float) -> "FrictionProblem":
+        """Return the problem with a thrust that comes later by a dead time [s], and another deviation of rows [N]."""
         assert isinstance(self.observation, ThrustAndMotion)
-        moved = self.with_lead(self.observation.lead + self.lead_doubt)
-        return np.concatenate(self.fitted([a.force - b.force for a, b in zip(moved.rows, self.rows, strict=True)]))
+        later = self.observation.later + dead_time
+        return replace(self, observation=replace(self.observation, later=later), row_std=row_std)
 
     def noise(self, mass: float) -> float:
         """Return the error of a row [N] by noise of the channels."""

@@ -27,20 +27,18 @@ from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._friction_fit import (
     EQUAL_ERROR,
-    MAX_ERROR_RATIO,
     FrictionFit,
     columns_along,
     curve_end,
     fit_elements,
     fit_law,
-    grid_error,
     least_squares,
     search_shape,
+    with_dead_time,
 )
 from fraexp_plugins.identification._friction_report import report
 from fraexp_plugins.identification._friction_rows import (
     EVEN,
-    HELD,
     ConstantVelocityRuns,
     FrictionProblem,
     FrictionRecord,
@@ -72,8 +70,6 @@ the ratio of the largest to the smallest, and that while the end of the virgin c
 thousands of times its presliding deflection."""
 MIN_REVERSALS = 3
 """Reversals from which friction is separated from other forces."""
-MIN_MIXED_LEAD = 0.05
-"""Lead of a thrust in samples, from a held one and from one that is not, from which it is neither."""
 
 
 class FrictionIdentification(Estimator, name="friction_identification", version=5):
@@ -113,7 +109,9 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
     are compared up to `max_frequency`: a mode at f1 adds its part of (max_frequency/f1)² to the mass, so set it to a
     tenth of the first mode. If friction jumps at a reversal, between samples, the mass includes that jump times a
     delay of up to one sample: sample fast, or reverse rarely. A constant offset is fitted too. Besides a bias it
-    contains half the difference of the Coulomb forces of the two directions.
+    contains half the difference of the Coulomb forces of the two directions. A dead time of a measured thrust beyond
+    the stated one is fitted too, with what is known in advance as one more row: it is that of a thrust that is held
+    between samples, or half a sample less. Where the record does not tell it, the other intervals contain it.
 
     The intervals include the correlation of the residuals (A. D. Sokal, 1997). The metric 'Cramér-Rao bound' is the
     smallest interval of the viscous coefficient that an unbiased estimator has with white residuals of that size: if
@@ -141,7 +139,8 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
     thrust: str = param("", "channel of the thrust that moves mass and friction, in place of `force`", "")
     max_frequency: float = param("Hz", "frequency up to which thrust and motion are compared", 5.0, above=0)
     zero_order_hold: bool | None = param(
-        "", "whether the thrust is held between samples; detected if it is not given, unless the signals are simulated",
+        "",
+        "whether the thrust is held between samples; if it is not given, a measured thrust has a further dead time",
         None,
     )  # fmt: skip
     input_dead_time: float = param("s", "dead time of the thrust", 0.0, at_least=0, inherit="loop.input_dead_time")
@@ -214,23 +213,21 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         """Return the fits of laws that say nothing of a standstill, to the rows in which the machine slides."""
         known = slides(records, self.presliding_distance)
         speeds = np.concatenate([np.abs(r.velocity)[slide] for r, slide in zip(records, known, strict=True)])
-        problem = self._problem(records, speeds, tuple(known), np.empty(0))
+        problem = self._problem(signals, records, speeds, tuple(known), np.empty(0))
         if isinstance(problem.observation, ThrustAndMotion):
-            forces = WholeLaw.of(Coulomb(coulomb_force=1.0))
-            plain = FrictionFit(problem, forces)
+            plain = FrictionFit(problem, WholeLaw.of(Coulomb(coulomb_force=1.0)))
             duration = min(record.displacement.size * record.sample_time for record in records)
-            rows = [replace(plain, problem=problem.with_lead(lead)).rows for lead in (HELD, EVEN)]
-            skipped, remarks = disturbed_start(rows, duration)
+            skipped, remarks = disturbed_start(plain.rows, duration)
             late = [np.arange(slide.size) * records[0].sample_time >= skipped for slide in known]
             known = [slide & is_late for slide, is_late in zip(known, late, strict=True)]
             problem = replace(problem, known=tuple(known), findings=(*problem.findings, *remarks))
-            problem = self._with_lead(problem, signals, lambda moved: FrictionFit(moved, forces).error)
+            problem = with_dead_time(problem, plain.forces)
         self._check_directions(problem)
         slow = _speed_quantile(speeds, 0.1)
         models = [*(_unit_model(law, slow) for law in self._laws), *self.starts]
         fits = _each_fit(models, lambda model: _checked_signs(fit_law(problem, model, self.max_iterations)))
         if isinstance(problem.observation, ThrustAndMotion):
-            fits = [_beside_stroke_force(fit, signals) if fit.has_model_error else fit for fit in fits]
+            fits = [fit.beside_stroke_force() if fit.has_model_error else fit for fit in fits]
         return fits
 
     def _check_directions(self, problem: FrictionProblem) -> None:
@@ -247,7 +244,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
     def _presliding_fits(self, signals: Signals, records: tuple[FrictionRecord, ...]) -> list[FrictionFit]:
         """Return the fits of laws with presliding, to all rows in which their state is known."""
         is_whole = not all(issubclass(law, ElementModel) for law in (*self._laws, *map(type, self.starts)))
-        problem, remarks = self._grid_problem(records, MAX_SEARCH_SPAN), list[Finding | str]()
+        problem, remarks = self._grid_problem(signals, records, MAX_SEARCH_SPAN), list[Finding | str]()
         if is_whole and "viscous" not in problem.terms and problem.viscous is None:
             raise RecordError(
                 f"{self.name}: all sliding is at one speed, so the dependence of friction on the velocity is not "
@@ -256,8 +253,8 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         if not self.thresholds:
             # a law as a whole shows a spring or a Stribeck effect itself: no remarks on their effect on the elements
             end, remarks = curve_end(problem, spring_remarks=not is_whole)
-            problem = self._grid_problem(records, MAX_THRESHOLD_SPAN, end)
-        problem = self._with_lead(problem, signals, grid_error)
+            problem = self._grid_problem(signals, records, MAX_THRESHOLD_SPAN, end)
+        problem = with_dead_time(problem, rolling_elements(problem.thresholds))
         problem = replace(problem, findings=(*problem.findings, *remarks))
         candidates: tuple[type[FrictionModel] | FrictionModel, ...] = (*self._laws, *self.starts)
         return _each_fit(candidates, lambda candidate: self._fit_candidate(problem, candidate))
@@ -309,6 +306,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
 
     def _problem(
         self,
+        signals: Signals,
         records: tuple[FrictionRecord, ...],
         speeds: NDArray[np.float64],
         known: tuple[NDArray[np.bool_], ...],
@@ -318,10 +316,10 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         cycles = np.unique(np.concatenate([record.cycle for record in records]))
         is_chosen = not self._is_sliding or len(self._laws) + len(self.starts) > 1
         held_out = cycles[HELD_OUT_STEP - 1 :: HELD_OUT_STEP] if is_chosen else cycles[:0]
-        terms, speed, remarks = self._terms(speeds)
+        terms, speed, remarks = self._terms(speeds, bool(signals.numerics))
         return FrictionProblem(
             records=records,
-            observation=self._observation(),
+            observation=self._observation(records[0].sample_time),
             terms=terms,
             known=known,
             thresholds=thresholds,
@@ -335,7 +333,11 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         )
 
     def _grid_problem(
-        self, records: tuple[FrictionRecord, ...], span: float, max_threshold: float | None = None
+        self,
+        signals: Signals,
+        records: tuple[FrictionRecord, ...],
+        span: float,
+        max_threshold: float | None = None,
     ) -> FrictionProblem:
         """Return the problem of laws with presliding; RecordError if the motion does not suffice.
 
@@ -352,51 +354,28 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         widest = float(thresholds.max())
         known = tuple(np.arange(record.displacement.size) >= record.first_known_sample(widest) for record in records)
         speeds = np.concatenate([_sliding_speeds(record, widest) for record in records])
-        problem = self._problem(records, speeds, known, thresholds)
+        problem = self._problem(signals, records, speeds, known, thresholds)
         remarks = _reversal_remarks(records, float(thresholds.min()))
         return replace(problem, findings=(*problem.findings, *remarks))
 
-    def _observation(self) -> Observation:
+    def _observation(self, sample_time: float) -> Observation:
         if self.constant_velocity:
             return ConstantVelocityRuns()
         if not self.thrust:
             return MeasuredFriction()
         lags = sum(self.input_time_constants) + sum(self.output_time_constants)  # each a delay, far below 1/τ
-        return ThrustAndMotion(self.max_frequency, self.input_dead_time + self.output_dead_time + lags)
+        later = -EVEN * sample_time if self.zero_order_hold is False else 0.0
+        return ThrustAndMotion(self.max_frequency, self.input_dead_time + self.output_dead_time + lags, later)
 
-    def _with_lead(
-        self, problem: FrictionProblem, signals: Signals, error: Callable[[FrictionProblem], float]
-    ) -> FrictionProblem:
-        """Return the problem with a thrust that is held between samples, or not, and what is not known of that.
-
-        A simulated thrust is held. A measured one is held if it is a controller's output, not if it is that of a force
-        sensor; with fewer samples than the controller's it is neither. The root mean square `error` [N] of the model
-        decides, unless all sliding is at one speed, where a delay acts as mass.
-        """
-        if not isinstance(problem.observation, ThrustAndMotion) or signals.numerics or problem.speed is not None:
-            return problem if self.zero_order_hold is not False else problem.with_lead(EVEN)
-        held, middle, even = (error(problem.with_lead(lead)) for lead in (HELD, (HELD + EVEN) / 2, EVEN))
-        is_held, remarks = self.zero_order_hold is not False, list[Finding | str]()
-        if self.zero_order_hold is None and even < MAX_ERROR_RATIO * held:
-            is_held = False
-            remarks = [
-                "the thrust is not held between samples, like that of a force sensor: this fits better; set "
-                "zero_order_hold if you know it"
-            ]
-        lead = _least_lead(held, middle, even)
-        if MIN_MIXED_LEAD < lead < EVEN - MIN_MIXED_LEAD and self._is_sliding:
-            remarks = [
-                "the thrust between samples is unknown: neither a hold (zero_order_hold) nor its absence fits, as in a "
-                "record with fewer samples than its controller; the intervals are widened: record every sample of the "
-                "controller"
-            ]
-        assumed = HELD if is_held else EVEN
-        return replace(problem.with_lead(assumed), lead_doubt=lead - assumed, findings=(*problem.findings, *remarks))
-
-    def _terms(self, speeds: NDArray[np.float64]) -> tuple[tuple[str, ...], float | None, list[str]]:
+    def _terms(
+        self, speeds: NDArray[np.float64], is_simulated: bool
+    ) -> tuple[tuple[str, ...], float | None, list[str]]:
         """Return the terms beside the law, the speed of all sliding if there is one, and remarks."""
         has_mass = bool(self.thrust) or self.constant_velocity
-        terms = ["offset", *(["asymmetry"] if self.fit_asymmetry else []), *(["mass"] if has_mass else [])]
+        is_delayed = self.thrust and not self.constant_velocity and not is_simulated
+        terms = ["offset", *(["asymmetry"] if self.fit_asymmetry else [])]
+        terms += ["dead_time"] if is_delayed and self.zero_order_hold is None else []
+        terms += ["mass"] if has_mass else []
         slow, fast = _speed_quantile(speeds, 0.1), _speed_quantile(speeds, 0.9)
         if fast > MIN_SPEED_RATIO * slow:
             return (*terms, *(["viscous"] if self.viscous_coefficient is None else [])), None, []
@@ -417,16 +396,6 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
             )
         remarks = [f"all sliding is at one speed, so {' and '.join(effects)}: {advice}"] if effects else []
         return tuple(terms), fast if speeds.size else None, remarks
-
-
-def _beside_stroke_force(fit: FrictionFit, signals: Signals) -> FrictionFit:
-    """Return the fit beside a force along the stroke, whose smaller residual tells more of when the thrust acts."""
-    beside, observation = fit.beside_stroke_force(), fit.problem.observation
-    if beside.stroke is None or signals.numerics or not isinstance(observation, ThrustAndMotion):
-        return beside
-    moved = [replace(fit, problem=fit.problem.with_lead(lead)) for lead in (HELD, (HELD + EVEN) / 2, EVEN)]
-    lead = _least_lead(*(each.beside_stroke_force().error for each in moved))
-    return replace(beside, problem=replace(fit.problem, lead_doubt=lead - observation.lead))
 
 
 def _unit_model(law: type[FrictionModel], speed: float = 1.0) -> FrictionModel:
@@ -465,14 +434,6 @@ def _checked_signs(fit: FrictionFit) -> FrictionFit:
             "; expected both above 0: check signs and gains of the channels, the dead times and max_frequency",
         )
     return fit
-
-
-def _least_lead(held: float, middle: float, even: float) -> float:
-    """Return the lead of the thrust between that of a held one and another one, by the parabola of squared errors."""
-    first, half, last = held**2, middle**2, even**2
-    curvature = first - 2 * half + last
-    fraction = np.clip((3 * first - 4 * half + last) / (4 * curvature), 0, 1) if curvature > 0 else 0.5
-    return float(HELD + fraction * (EVEN - HELD))
 
 
 def _sliding_speeds(record: FrictionRecord, max_threshold: float) -> NDArray[np.float64]:
@@ -533,34 +494,27 @@ def _travel_since_reversal(displacement: NDArray[np.float64], velocity: NDArray[
     return np.abs(displacement - displacement[last])
 
 
-def disturbed_start(assumptions: Sequence[Sequence[Rows]], duration: float) -> tuple[float, list[str]]:
+def disturbed_start(found: Sequence[Rows], duration: float) -> tuple[float, list[str]]:
     """Return the beginning of the records [s] that the model of the rest does not explain, and a remark; 0 if none.
 
-    After a jump of the reference, a transient of the drive or of a mode, the beginning differs from the rest. The rows
-    come once for each of several assumptions on the thrust, of which the one counts that fits better. One part more is
-    left out than differs clearly, because such a transient decays.
+    After a jump of the reference, a transient of the drive or of a mode, the beginning differs from the rest. One part
+    more is left out than differs clearly, because such a transient decays.
     """
     limits = duration * np.array(START_FRACTIONS)
-    rest, ratios = min((_start_ratios(rows, limits) for rows in assumptions), key=lambda found: found[0])
-    if not np.isfinite(rest) or max(ratios) < MIN_START_RATIO:
-        return 0.0, []
-    last = int(np.flatnonzero(np.array(ratios) > MIN_NEXT_RATIO)[-1])
-    end = float(limits[min(last + 2, limits.size - 1)])
-    return end, [
-        f"the first {end:.3g} s are left out, because their error is up to {max(ratios):.2g} times that of the rest, "
-        "as after a jump of the reference; to choose that time yourself set skip_time in [record] (--skip-time)"
-    ]
-
-
-def _start_ratios(found: Sequence[Rows], limits: NDArray[np.float64]) -> tuple[float, list[float]]:
-    """Return the root mean square residual [N] after the last limit [s], and those between the limits over it."""
     columns, force, time = (np.concatenate([getattr(f, name) for f in found]) for name in ("columns", "force", "time"))
     rest = time >= limits[-1]
     if rest.sum() < MIN_REST_ROWS:
-        return np.inf, [0.0]
+        return 0.0, []
     residual = force - columns @ least_squares(columns[rest], force[rest])
     parts = [residual[(time >= low) & (time < high)] for low, high in itertools.pairwise(limits)]
-    sizes = [float(np.sqrt(np.mean(part**2))) if part.size > columns.shape[1] else 0.0 for part in parts]
-    error = float(np.sqrt(np.mean(residual[rest] ** 2)))
-    least = FORCE_FLOOR * float(np.sqrt(np.mean(force[rest] ** 2)))
-    return error, [size / error if size > least and error else 0.0 for size in sizes]
+    sizes = np.array([np.sqrt(np.mean(part**2)) if part.size > columns.shape[1] else 0.0 for part in parts])
+    error = max(float(np.sqrt(np.mean(residual[rest] ** 2))), np.finfo(float).tiny)
+    ratios = np.where(sizes > FORCE_FLOOR * float(np.sqrt(np.mean(force[rest] ** 2))), sizes / error, 0.0)
+    if ratios.max() < MIN_START_RATIO:
+        return 0.0, []
+    last = int(np.flatnonzero(ratios > MIN_NEXT_RATIO)[-1])
+    end = float(limits[min(last + 2, limits.size - 1)])
+    return end, [
+        f"the first {end:.3g} s are left out, because their error is up to {ratios.max():.2g} times that of the rest, "
+        "as after a jump of the reference; to choose that time yourself set skip_time in [record] (--skip-time)"
+    ]
