@@ -140,7 +140,7 @@ class LawForces(ABC):
 
     def numbers(self, sizes: NDArray[np.float64]) -> list[Number]:
         """Return the law's numbers for columns of these sizes."""
-        return [Number(each.name, each.value, each.unit) for each in estimated_numbers(self.model(sizes))]
+        return estimated_numbers(self.model(sizes))
 
     def refine(self, sizes: NDArray[np.float64]) -> "LawForces":
         """Return elements with finer thresholds around those that have a force, of the same shape."""

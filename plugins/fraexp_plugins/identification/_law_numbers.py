@@ -30,6 +30,20 @@ class Number(NamedTuple):
     """With dots to parts of the model and to places in a list: `curve.max_knot`, `stiffness.0`."""
     value: float
     unit: str
+    lower: float = 0.0
+    """Bound below; the law's first force for one that must not be less."""
+    upper: float = np.inf
+    """Bound above; infinite if there is none."""
+
+    @property
+    def field(self) -> str:
+        """Name of the model's field."""
+        return self.name.partition(".")[0]
+
+    @property
+    def is_first(self) -> bool:
+        """Whether it is the first of a list."""
+        return self.name.endswith(".0")
 
     @property
     def exponents(self) -> tuple[int, int]:
@@ -41,18 +55,45 @@ class Number(NamedTuple):
         """Whether the scales change it."""
         return any(self.exponents) and self.value != 0
 
+    def coordinate(self, value: float) -> float:
+        """Return the coordinate of a value: a logarithm, of the odds where there is a bound above."""
+        above = max(value - self.lower, ROUNDING * value)
+        return float(np.log(above / (self.upper - value) if np.isfinite(self.upper) else above))
+
+    def value_at(self, coordinate: float) -> float:
+        """Return the value of a coordinate."""
+        if np.isfinite(self.upper):
+            return float(self.lower + (self.upper - self.lower) * min(1 / (1 + np.exp(-coordinate)), 1 - 1e-9))
+        return float(self.lower + np.exp(coordinate))
+
 
 def numbers_of(model: Parameters, prefix: str = "") -> Iterator[Number]:
     """Yield all numbers of a model, and of its parts."""
     for name, info in type(model).model_fields.items():
         value = getattr(model, name)
+        low, high = (None, None) if isinstance(value, tuple) else _bounds(info)
         numbered = {f".{place}": each for place, each in enumerate(value)} if isinstance(value, tuple) else {"": value}
         for place, each in numbered.items():
             path = f"{prefix}{name}{place}"
             if isinstance(each, Parameters):
                 yield from numbers_of(each, f"{path}.")
             elif isinstance(each, float):
-                yield Number(path, each, unit_of_field(info))
+                yield Number(path, each, unit_of_field(info), low or 0.0, np.inf if high is None else high)
+
+
+def with_numbers(model: Model, values: Mapping[str, float]) -> Model:
+    """Return a model with other values of some numbers, all at once: their bounds depend on each other."""
+
+    def changed(value: Any, path: str) -> Any:
+        if isinstance(value, tuple):
+            return tuple(changed(each, f"{path}.{place}") for place, each in enumerate(value))
+        if isinstance(value, Parameters):
+            own = {name.removeprefix(f"{path}."): each for name, each in values.items() if name.startswith(f"{path}.")}
+            return with_numbers(value, own)
+        return values.get(path, value)
+
+    stated = model.model_fields_set | {name.partition(".")[0] for name in values}
+    return type(model)(**{name: changed(getattr(model, name), name) for name in stated})
 
 
 def nonzero_numbers(model: Parameters) -> tuple[str, ...]:
@@ -84,8 +125,10 @@ def scaled_friction(model: FrictionModel, scales: tuple[float, float], stroke: f
 
     Each parameter changes as its unit says. Whether that is the scaled law is tried along a motion of this stroke [m].
     """
+    numbers = [each for each in numbers_of(model) if any(each.exponents)]
+    powers = [scales[0] ** each.exponents[0] * scales[1] ** each.exponents[1] for each in numbers]
     try:
-        changed = _scaled(model, scales)
+        changed = with_numbers(model, {n.name: n.value * power for n, power in zip(numbers, powers, strict=True)})
     except ParameterError:
         return None
     return changed if _is_scaled(model, changed, scales, stroke) else None
@@ -97,60 +140,11 @@ def unit_of_field(info: FieldInfo) -> str:
     return str(declared.get("unit", "")) if isinstance(declared, dict) else ""
 
 
-def _scaled(model: Model, scales: tuple[float, float]) -> Model:
-    """Return a model, or a part of one, all of whose numbers change at once: their bounds depend on each other."""
-    units = {name: unit_of_field(info) for name, info in type(model).model_fields.items()} | {VISCOUS: ""}
-    values = {name: _scaled_value(getattr(model, name), units[name], scales) for name in type(model).model_fields}
-    return type(model).parse(values, getattr(model, "name", "friction"))
-
-
-def _scaled_value(value: Any, unit: str, scales: tuple[float, float]) -> Any:
-    if isinstance(value, tuple):
-        return tuple(_scaled_value(each, unit, scales) for each in value)
-    if isinstance(value, Parameters):
-        return _scaled(value, scales)
-    if unit not in EXPONENTS or not isinstance(value, float):
-        return value
-    force, displacement = EXPONENTS[unit]
-    return value * scales[0] ** force * scales[1] ** displacement
-
-
 def _is_scaled(model: FrictionModel, changed: FrictionModel, scales: tuple[float, float], stroke: float) -> bool:
     motion = stroke * np.sin(np.linspace(0.0, 4 * np.pi, CHECK_SAMPLES)) * np.linspace(0.1, 1.0, CHECK_SAMPLES)
     expected: NDArray[np.float64] = scales[0] * model.force(motion / scales[1], CHECK_STEP_S)
     found = changed.force(motion, CHECK_STEP_S)
     return bool(np.abs(found - expected).max() <= ROUNDING * np.abs(expected).max(initial=0.0))
-
-
-class LawNumber(NamedTuple):
-    """A number of a law that is estimated."""
-
-    field: str
-    place: int | None
-    """Place in a list of numbers; None for a number alone."""
-    unit: str
-    value: float
-    """At the start."""
-    upper: float
-    """Bound above; infinite if there is none."""
-    base: float
-    """Bound below; the law's first force for one that must not be less."""
-
-    @property
-    def name(self) -> str:
-        """Name as in a fit: `stiffness.0`."""
-        return self.field if self.place is None else f"{self.field}.{self.place}"
-
-    def coordinate(self) -> float:
-        """Return where a search begins: a logarithm, of the odds where there is a bound above."""
-        above = max(self.value - self.base, ROUNDING * self.value)
-        return float(np.log(above / (self.upper - self.value) if np.isfinite(self.upper) else above))
-
-    def value_at(self, coordinate: float) -> float:
-        """Return the value of a coordinate."""
-        if np.isfinite(self.upper):
-            return float(self.base + (self.upper - self.base) * min(1 / (1 + np.exp(-coordinate)), 1 - 1e-9))
-        return float(self.base + np.exp(coordinate))
 
 
 class LawNumbers:
@@ -164,25 +158,17 @@ class LawNumbers:
     def __init__(self, model: FrictionModel, fixed: Collection[str] = ()) -> None:
         self.start = model
         known = estimated_numbers(model)
-        self._force = next((each for each in known if each.unit == "N" and each.place is None), None)
+        self._force = next((each for each in known if each.unit == "N" and each.name == each.field), None)
         self.numbers = [self._bounded(each) for each in known]
-        self._shares = {
-            each.field
-            for each in known
-            if each.unit == "1" and each.place == 0 and np.isclose(sum(getattr(model, each.field)), 1.0)
-        }
-        self._free = [
-            place
-            for place, each in enumerate(known)
-            if each is not self._force
-            and each.field not in fixed
-            and not (each.field in self._shares and each.place == 0)
-        ]
+        firsts = [each for each in known if each.unit == "1" and each.is_first]
+        self._shares = {each.field for each in firsts if np.isclose(sum(getattr(model, each.field)), 1.0)}
+        held = [self._force, *(each for each in firsts if each.field in self._shares)]
+        self._free = [place for place, each in enumerate(known) if each not in held and each.field not in fixed]
 
-    def above(self, bases: Mapping[str, float]) -> "LawNumbers":
+    def above(self, bounds: Mapping[str, float]) -> "LawNumbers":
         """Return the numbers with bounds below for some units, for a first force of 1 N."""
         found = copy(self)
-        found.numbers = [each._replace(base=bases.get(each.unit, each.base)) for each in self.numbers]
+        found.numbers = [each._replace(lower=bounds.get(each.unit, each.lower)) for each in self.numbers]
         return found
 
     @property
@@ -193,29 +179,29 @@ class LawNumbers:
     def coordinates_at(self, sizes: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the coordinates of numbers with given distances from their bounds by unit; others as at the start."""
         chosen = [self.numbers[place] for place in self._free]
-        values = [each.base + sizes.get(each.unit, each.value - each.base) for each in chosen]
-        return np.array([each._replace(value=value).coordinate() for each, value in zip(chosen, values, strict=True)])
+        values = [each.lower + sizes.get(each.unit, each.value - each.lower) for each in chosen]
+        return np.array([each.coordinate(value) for each, value in zip(chosen, values, strict=True)])
 
     def force_excess(self, coordinates: NDArray[np.float64]) -> float:
         """Return the greatest force that is bounded by the first one, over that, less 1; 0 if there is none."""
         values = zip(self.numbers, self.values(coordinates).tolist(), strict=True)
-        bounded = [value / each.base - 1 for each, value in values if each.unit == "N" and each.base > 0]
+        bounded = [value / each.lower - 1 for each, value in values if each.unit == "N" and each.lower > 0]
         return max(bounded, default=0.0)
 
-    def _bounded(self, number: LawNumber) -> LawNumber:
+    def _bounded(self, number: Number) -> Number:
         """Return a number with the first force as its bound, if the law allows no less."""
-        if self._force is None or number.unit != "N" or number is self._force or number.place is not None:
+        if self._force is None or number.unit != "N" or number == self._force or number.name != number.field:
             return number
         try:
-            type(self.start)(**self._fields({number.name: 0.5 * self._force.value}))
+            with_numbers(self.start, {number.name: 0.5 * self._force.value})
         except ParameterError:
-            return number._replace(base=self._force.value)
+            return number._replace(lower=self._force.value)
         return number
 
     @property
     def coordinates(self) -> NDArray[np.float64]:
         """Coordinates of the start, shape (q,)."""
-        return np.array([self.numbers[place].coordinate() for place in self._free])
+        return self.coordinates_at({})
 
     def values(self, coordinates: NDArray[np.float64], force_scale: float = 1.0) -> NDArray[np.float64]:
         """Return the values of all numbers, with forces that are larger by a factor, shape (p,)."""
@@ -235,31 +221,21 @@ class LawNumbers:
     def model(self, coordinates: NDArray[np.float64], force_scale: float = 1.0, viscous: float = 0.0) -> FrictionModel:
         """Return the model with these numbers; ParameterError for what the law does not allow."""
         with np.errstate(over="ignore", invalid="ignore"):
-            values = self.values(coordinates, force_scale)
-        if not np.isfinite(values).all():  # a search follows a number that nothing determines to any size
-            raise ParameterError(f"{type(self.start).name}: a number is too large")
-        named = {each.name: float(value) for each, value in zip(self.numbers, values, strict=True)}
-        return type(self.start)(**{**self._fields(named), **({VISCOUS: viscous} if self.has_viscous else {})})
+            values = self.values(coordinates, force_scale).tolist()
+        named = {each.name: value for each, value in zip(self.numbers, values, strict=True)}
+        return with_numbers(self.start, named | ({VISCOUS: viscous} if self.has_viscous else {}))
 
     @property
     def has_viscous(self) -> bool:
         """Whether the model has a viscous coefficient."""
         return VISCOUS in type(self.start).model_fields
 
-    def _fields(self, named: Mapping[str, float]) -> dict[str, Any]:
-        """Return what the start states, with other numbers."""
-        fields: dict[str, Any] = {}
-        for name in self.start.model_fields_set - {VISCOUS}:
-            value = getattr(self.start, name)
-            if isinstance(value, tuple):
-                value = tuple(named.get(f"{name}.{place}", each) for place, each in enumerate(value))
-            fields[name] = named.get(name, value)
-        return fields
 
-
-def estimated_numbers(model: FrictionModel) -> list[LawNumber]:
-    """Return the numbers that a model states and that are estimated."""
-    return [each for name in type(model).model_fields for each in _numbers_of(model, name)]
+def estimated_numbers(model: FrictionModel) -> list[Number]:
+    """Return the numbers that a model states and that are estimated: those that are not 0, but of its parts."""
+    stated = {name for name in model.model_fields_set - {VISCOUS} if not isinstance(getattr(model, name), Parameters)}
+    known = [each for each in numbers_of(model) if each.field in stated and each.value]
+    return [each for each in known if each.unit in EXPONENTS or each.unit == "1"]
 
 
 def lists_by_unit(model: FrictionModel) -> dict[str, str]:
@@ -267,19 +243,6 @@ def lists_by_unit(model: FrictionModel) -> dict[str, str]:
     names = [name for name in type(model).model_fields if name in model.model_fields_set]
     lists = [name for name in names if isinstance(getattr(model, name), tuple)]
     return {unit_of_field(type(model).model_fields[name]): name for name in lists}
-
-
-def _numbers_of(model: FrictionModel, name: str) -> list[LawNumber]:
-    """Return the numbers of a field that are estimated."""
-    info, value = type(model).model_fields[name], getattr(model, name)
-    unit = unit_of_field(info)
-    if name not in model.model_fields_set or name == VISCOUS or not (unit in EXPONENTS or unit == "1"):
-        return []
-    if isinstance(value, tuple):
-        return [LawNumber(name, place, unit, float(each), np.inf, 0.0) for place, each in enumerate(value) if each]
-    low, high = _bounds(info)
-    number = LawNumber(name, None, unit, value, np.inf if high is None else high, low or 0.0)
-    return [number] if isinstance(value, float) and value else []
 
 
 def _bounds(info: FieldInfo) -> tuple[float | None, float | None]:

@@ -346,7 +346,7 @@ class LawChoice:
             variance, value = np.array([[viscous_std**2]]), np.array([viscous])
             return Fit("friction", frictionless, ("viscous_coefficient",), ("N s/m",), value, variance)
         model = model_at(whole)
-        names, values, units = zip(*numbers_of(model), strict=True)
+        names, values, units, *_ = zip(*numbers_of(model), strict=True)
         steps = DIFFERENCE * np.where(np.arange(whole.size) < law.shape.size, 1.0, whole)
         slopes = derivatives(lambda at: np.array([each.value for each in numbers_of(model_at(at))]), whole, steps)
         covariance = slopes @ self.covariance @ slopes.T
