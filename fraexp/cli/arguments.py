@@ -49,7 +49,7 @@ class Parser(argparse.ArgumentParser):
             raise UsageError(f"unknown {what} '{value}'{did_you_mean(value, action.choices)}")
 
 
-class CommandParser(Parser):
+class _CommandParser(Parser):
     """The parser of one command, which sees what follows the command's name."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
@@ -84,7 +84,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _parser() -> Parser:
-    common = CommandParser(add_help=False, argument_default=argparse.SUPPRESS)
+    common = _CommandParser(add_help=False, argument_default=argparse.SUPPRESS)
     group = common.add_argument_group("options of every command")
     for option in COMMON_OPTIONS:
         group.add_argument(*option.names, **option.settings)
@@ -97,7 +97,7 @@ def _parser() -> Parser:
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="store_true", help="print the version")
-    commands = parser.add_subparsers(dest="command", metavar="command", title="commands", parser_class=CommandParser)
+    commands = parser.add_subparsers(dest="command", metavar="command", title="commands", parser_class=_CommandParser)
     for name, (_, summary, options) in COMMANDS.items():
         description = summary[0].upper() + summary[1:] + "."
         command = commands.add_parser(name, parents=[common], help=summary, description=description, allow_abbrev=False)

@@ -1,12 +1,13 @@
 """``fraexp compare``: the differences between sweeps, or their errors against the simulated plant."""
 
+import sys
 from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import asdict
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_json, print_table, say
-from fraexp.cli.summary import needs_summary, print_summary
+from fraexp.cli.summary import ALL_REMEDY, needs_summary, print_summary
 from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number, workspace_folder
 from fraexp.components.registry import Registry
 from fraexp.data.frequency_text import frequency_text
@@ -156,17 +157,17 @@ def execute(arguments: Namespace) -> ExitCode:
     if arguments.json:
         print_json(_document(sweeps, parameters, metrics, fits, differences))
         return ExitCode.OK
-    if needs_summary(len(sweeps)) and not arguments.all:  # they do not fit side by side
+    if needs_summary(len(sweeps)):  # they do not fit side by side
         print_summary(sweeps, results, workspace.registry)
-        say("--all shows each sweep")
+        say(ALL_REMEDY)
     else:
         rows = difference_rows([[sweep] for sweep in sweeps], results, workspace.registry)
-        shown, folded = (rows, {}) if arguments.all else fold_incomparable(rows)
+        shown, folded = fold_incomparable(rows) if sys.stdout.isatty() else (rows, {})
         keys = [short_key(sweep.key) for sweep in sweeps]
         print_table(["difference", *keys], shown or [["none", *("" for _ in keys)]])
         if folded:
             counts = (f"{plural(count, 'parameter')} of {owner}" for owner, count in folded.items())
-            say(f"left out: {', '.join(counts)} that not all sweeps have; --all shows them")
+            say(f"left out: {', '.join(counts)} that not all sweeps have; {ALL_REMEDY}")
     print()
     _print_differences(sweeps, differences, workspace.registry)
     return ExitCode.OK

@@ -184,7 +184,7 @@ def _plan_text(planned: Planned) -> str:
 def print_outcome(followed: RunEvents, arguments: Namespace, workspace: WorkspaceService) -> ExitCode:
     """Print the results of the runs, and return the exit code; StoreError if the database has lost some."""
     _confirm_stored(followed, workspace)
-    runs = [_read_run(ended, ended.run, workspace) for ended in followed.ended if ended.run is not None]
+    runs = [read_run(ended, workspace) for ended in followed.ended if ended.run is not None]
     for finished in runs:
         if finished.ended.note:
             say(f"run {finished.run.number}: no figure was drawn: {' '.join(finished.ended.note.split())}")
@@ -218,11 +218,13 @@ def _heading(study: str, titles: Mapping[str, str]) -> str:
     return ": ".join(part for part in (study, titles.get(study, "")) if part)
 
 
-def _read_run(ended: Ended, number: int, workspace: WorkspaceService) -> FinishedRun:
+def read_run(ended: Ended, workspace: WorkspaceService) -> FinishedRun:
+    """Return what is stored of a run that has ended."""
+    assert ended.run is not None
     with workspace.open_store() as store:
-        sweeps = store.sweeps(number)
+        sweeps = store.sweeps(ended.run)
         results = store.results(sweep.key for sweep in sweeps)
-        return FinishedRun(ended, store.run(number), mark_damaged(sweeps, results), results)
+        return FinishedRun(ended, store.run(ended.run), mark_damaged(sweeps, results), results)
 
 
 def _computed_count(followed: RunEvents, workspace: WorkspaceService) -> int:
@@ -264,7 +266,7 @@ def _print(finished: FinishedRun, workspace: WorkspaceService, here: str) -> Non
     ended, run, sweeps, results = finished
     if needs_summary(len(sweeps)):
         print_summary(sweeps, results, workspace.registry)
-        say(f"fraexp show {run.number} --all{here} shows each sweep")
+        say(f"fraexp show {run.number}{here} | less shows each sweep")
     else:
         print_table(*sweep_table(sweeps[:MAX_TABLE_SWEEPS], results, workspace.registry))
         _print_errors(sweeps[:MAX_TABLE_SWEEPS], results, workspace)

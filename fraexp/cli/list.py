@@ -39,8 +39,8 @@ def execute(arguments: Namespace) -> ExitCode:
         raise FraexpError("list: --studies lists studies, a filter lists sweeps; give only one of them")
     if arguments.studies and arguments.sort:
         raise FraexpError("list: --sort sorts runs or sweeps, not studies; leave one of both out")
-    if min(arguments.limit, arguments.offset) < 0:
-        raise FraexpError("list: --limit and --offset are numbers of sweeps; expected 0 or more")
+    if arguments.limit < 0:
+        raise FraexpError("list: --limit is a number of sweeps; expected 0 or more")
     (_list_studies if arguments.studies else _list_sweeps if sweeps else _list_runs)(arguments)
     return ExitCode.OK
 
@@ -83,22 +83,20 @@ def _list_sweeps(arguments: Namespace) -> None:
     folder = workspace_folder(arguments)
     with folder.open_store() as store:
         order = complete_field(arguments.sort, store.fields()) if arguments.sort else "-created"
-        page = store.page(wanted, order, arguments.offset, arguments.limit, _asked_run(store, wanted))
+        page = store.page(wanted, order, limit=arguments.limit, run=_asked_run(store, wanted))
     if arguments.json:
         sweeps = [listed_document(of) for of in page.rows]
-        print_json({"total": page.total, "offset": arguments.offset, "sweeps": sweeps})
+        print_json({"total": page.total, "sweeps": sweeps})
         return
     columns = listing_columns(page.rows, one_run=False, running={}, registry=folder.registry if page.rows else None)
     rows = [[column.cells[index] for column in columns] for index in range(len(page.rows))]
     if rows:
         print_table([column.title for column in columns], rows)
-    elif page.total:
-        say(f"--offset {arguments.offset} is beyond the last of {plural(page.total, 'sweep')}")
-    else:
+    elif not page.total:
         say(f"no sweep matches {wanted}" if wanted.strip() else "no sweeps yet; a run creates them")
-    left_out = page.total - arguments.offset - len(rows)
+    left_out = page.total - len(rows)
     if rows and left_out > 0:
-        say(f"{plural(left_out, 'more sweep')} of {page.total}; use --limit and --offset to see them")
+        say(f"{plural(left_out, 'more sweep')} of {page.total}; use --limit to see them")
 
 
 def _asked_run(store: Store, wanted: str) -> int | None:

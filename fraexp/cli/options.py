@@ -103,7 +103,6 @@ ID_HELP = "a run number, a study name (its newest run), or the beginning of a sw
 STUDY_HELP = "study file (TOML) or study name, with [limits]"
 IDS = _option("ids ID", ID_HELP, nargs="+")
 JSON = _switch("--json", "print one JSON document")
-ALL = _switch("--all", "on a terminal, show every sweep instead of quantiles over the sweeps")
 FORCE = _switch("--force", "overwrite an existing file")
 FILTER = _option(
     "--filter FILTER",
@@ -233,7 +232,6 @@ COMMANDS = {
             default="",
         ),
         _option("--limit COUNT", "maximum number of sweeps to list (default: 100)", type=int, default=100),
-        _option("--offset COUNT", "number of sweeps to skip at the start (default: 0)", type=int, default=0),
         JSON,
     ),
     "show": _command(
@@ -245,7 +243,6 @@ COMMANDS = {
             "--controller STUDY",
             "study or machine (machines/NAME) whose controller closes the loop around a measured response",
         ),
-        ALL,
         JSON,
     ),
     "compare": _command(
@@ -264,7 +261,6 @@ COMMANDS = {
             "frequencies [Hz] at which errors against the plant are shown, such as 5,39,80",
             type=_list_parser(lambda part: [float(part)], "frequencies [Hz] above 0, such as 5,39,80"),
         ),
-        ALL,
         JSON,
     ),
     "plot": _command(
@@ -470,8 +466,11 @@ COMMANDS = {
         "tui:serve",
         "serve the terminal UI to a web browser",
         _option("--port PORT", "port (default: 8000)", type=int, default=8000),
-        _option("--host ADDRESS", "address to listen on (default: this machine only)", default="127.0.0.1"),
-        _switch("--remote", "allow an address that other machines can reach; requires --token"),
+        _option(
+            "--host ADDRESS",
+            "address to listen on; one for other machines requires --token (default: this machine only)",
+            default="127.0.0.1",
+        ),
         _option("--token TEXT", "token that the browser must present (default: a random one)", default=""),
     ),
     "doctor": _command("doctor", "check the installation, the database, the plugins and the numerics", JSON),

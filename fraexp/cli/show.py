@@ -7,7 +7,7 @@ from typing import Any
 from fraexp.cli.documents import run_document, sweep_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_fields, print_json, print_line, print_table, say
-from fraexp.cli.summary import needs_summary, print_summary
+from fraexp.cli.summary import ALL_REMEDY, needs_summary, print_summary
 from fraexp.cli.sweep_lookup import find_run_number, workspace_folder
 from fraexp.data.results import Fit, Result
 from fraexp.data.rotary_axes import is_rotary
@@ -67,9 +67,9 @@ def _show_run(store: Store, number_: int, arguments: Namespace) -> None:
     print_fields(run_fields(run))
     print()
     registry = workspace_folder(arguments).registry
-    if needs_summary(len(sweeps)) and not arguments.all:
+    if needs_summary(len(sweeps)):
         print_summary(sweeps, results, registry)
-        say("--all shows each sweep")
+        say(ALL_REMEDY)
     else:
         print_table(*sweep_table(sweeps, results, registry))
     print_published(compared)

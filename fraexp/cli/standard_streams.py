@@ -29,7 +29,7 @@ def open_closed_streams() -> None:
             setattr(sys, f"__{name}__", stream)
 
 
-class OutputStream(io.TextIOWrapper):
+class _OutputStream(io.TextIOWrapper):
     """Standard output that keeps its first failure, as other files fail with the same errors."""
 
     failure: OSError | None = None
@@ -61,7 +61,7 @@ class OutputStream(io.TextIOWrapper):
 
 def watch_output() -> None:
     """Have standard output keep its first failure."""
-    sys.stdout = OutputStream.replacing(sys.stdout)
+    sys.stdout = _OutputStream.replacing(sys.stdout)
     setattr(sys, "__stdout__", sys.stdout)  # noqa: B010 (which is declared final)
 
 

@@ -21,6 +21,7 @@ from fraexp.views.words import plural, short_key
 
 MAX_LISTED_SWEEPS = 40
 """Maximum number of sweeps that a terminal lists; more are summarised."""
+ALL_REMEDY = "output that is not a terminal, such as | less, shows all"
 MAX_EXAMPLES = 5
 """Maximum number of sweeps that are not ok shown below a summary."""
 QUANTILE_LEVELS = (0.0, 0.05, 0.5, 0.95, 1.0)

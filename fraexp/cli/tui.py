@@ -34,5 +34,5 @@ def serve(arguments: Namespace) -> ExitCode:
     folder = WorkspaceFolder.open(arguments.workspace, arguments.db)
     os.environ.update(folder.location_environment())  # which the sessions inherit
     command = [sys.executable, "-m", "fraexp", "tui", *folder.location_options()]
-    browser_server.serve(command, arguments.host, arguments.port, arguments.remote, arguments.token)
+    browser_server.serve(command, arguments.host, arguments.port, arguments.token)
     return ExitCode.OK

@@ -37,7 +37,7 @@ TIME_LIMIT_S = 5.0
 Law = Callable[..., float]
 
 
-class ClosedPath(NamedTuple):
+class _ClosedPath(NamedTuple):
     """A sine along which a law is moved, and the energy that its last period releases."""
 
     amplitude: float
@@ -58,7 +58,7 @@ class ClosedPath(NamedTuple):
 def check_passivity(name: str, law: Law, arguments: tuple[object, ...], states: int, viscous: float) -> None:
     """Raise PluginError for a law that gives energy along a closed path; a slow law is left to `fraexp check`."""
 
-    def move(amplitude: float, frequency: float, steps: int) -> ClosedPath:
+    def move(amplitude: float, frequency: float, steps: int) -> _ClosedPath:
         return _travel(law, arguments, np.zeros(states), viscous, amplitude, frequency, steps)
 
     try:
@@ -73,7 +73,7 @@ def check_passivity(name: str, law: Law, arguments: tuple[object, ...], states: 
         return
 
 
-def _active_text(name: str, path: ClosedPath) -> str:
+def _active_text(name: str, path: _ClosedPath) -> str:
     sine = f"a sine of {path.amplitude:g} m at {path.frequency:g} Hz"
     found = f"the law of {name} gives energy: {sine} releases {path.released:.3g} J a period"
     return (
@@ -90,7 +90,7 @@ def _travel(
     amplitude: float,
     frequency: float,
     steps: int,
-) -> ClosedPath:
+) -> _ClosedPath:
     displacement = amplitude * np.sin(2 * np.pi * np.arange(1, PERIODS * steps + 1) / steps)
     dy, dt = np.diff(displacement, prepend=0.0), 1 / (frequency * steps)
     forces = np.zeros(dy.size + 1)
@@ -100,7 +100,7 @@ def _travel(
         z = z_next
     mean, last = (forces[-steps - 1 : -1] + forces[-steps:]) / 2, dy[-steps:]
     work, lost = mean * last, viscous * float(np.sum(last**2)) / dt
-    return ClosedPath(amplitude, frequency, -(float(np.sum(work)) + lost), float(np.sum(np.abs(work))) + lost)
+    return _ClosedPath(amplitude, frequency, -(float(np.sum(work)) + lost), float(np.sum(np.abs(work))) + lost)
 
 
 GRACE_S = 2.0

@@ -249,7 +249,7 @@ HANG_REPLAY_S = 5.0
 """Time limit [s] for a call that has hung in compiled code, in plain Python: it shows the line."""
 
 
-class LawAccessError(Exception):
+class _LawAccessError(Exception):
     """A law reads or writes an element that it must not; the text says which."""
 
 
@@ -360,7 +360,7 @@ def step_fault(
     if isinstance(error, IndexError | ValueError):  # an index or a write that is not allowed, which names no array
         error = _named_access_error(law, arguments, z, dy, dt) or error
     place = _innermost_place(error)
-    if isinstance(error, LawAccessError):
+    if isinstance(error, _LawAccessError):
         return f"the law of {name} ({place}) {error} {step_text(dy, dt)}"
     return f"the law of {name} ({place}) fails {step_text(dy, dt)}: {type(error).__name__}: {error}"
 
@@ -373,14 +373,14 @@ def _innermost_place(error: Exception) -> str:
 
 def _named_access_error(
     law: Law, arguments: tuple[object, ...], z: NDArray[np.float64], dy: float, dt: float
-) -> LawAccessError | None:
+) -> _LawAccessError | None:
     """Return the access that fails when the step is repeated with arrays that know their names."""
     names = argument_names(law)
     known = names if len(names) == len(arguments) else ["a parameter"] * len(arguments)
     named = [_named_array(value, label, False) for value, label in zip(arguments, known, strict=True)]
     try:
         law(_named_array(z, "z", False), dy, dt, _named_array(np.full(z.size, np.nan), "z_next", True), *named)
-    except LawAccessError as error:
+    except _LawAccessError as error:
         return error
     except Exception:  # the caller has one that says more
         return None
@@ -401,16 +401,16 @@ class _NamedArray(np.ndarray[Any, Any]):
         try:
             return super().__getitem__(index)
         except IndexError:
-            raise LawAccessError(f"read {self.label}[{index}] of {self.size}") from None
+            raise _LawAccessError(f"read {self.label}[{index}] of {self.size}") from None
 
     def __setitem__(self, index: Any, value: Any) -> None:
         if not self.is_writable:
             what = f"{self.label}[{index}]"
-            raise LawAccessError(f"writes {what}; it may write only z_next, as steps are repeated:")
+            raise _LawAccessError(f"writes {what}; it may write only z_next, as steps are repeated:")
         try:
             super().__setitem__(index, value)
         except IndexError:
-            raise LawAccessError(f"wrote {self.label}[{index}] of {self.size}") from None
+            raise _LawAccessError(f"wrote {self.label}[{index}] of {self.size}") from None
 
 
 def _named_array(value: object, label: str, is_writable: bool) -> object:

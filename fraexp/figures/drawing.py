@@ -34,7 +34,7 @@ FACET_KINDS = ("hysteresis", "positioning", "curves", "difference", "coherence",
 """Kinds of figures that have facets but no map."""
 
 
-class FigureRequest(NamedTuple):
+class _FigureRequest(NamedTuple):
     """What a figure is drawn of."""
 
     shown: Sequence[ShownResult]
@@ -68,7 +68,7 @@ def draw_figure(
     The default is a Bode plot if any result has a response, otherwise hysteresis loops if each result has one,
     otherwise positioning moves, otherwise curves. FraexpError if the kind does not support the `view`.
     """
-    request = FigureRequest(shown, reference, title, view.wrapped)
+    request = _FigureRequest(shown, reference, title, view.wrapped)
     chosen = kind or _default_kind(request)
     view.check(chosen, [of.response.frequency for of in shown if of.response is not None])
     if chosen in FACET_KINDS:
@@ -83,7 +83,7 @@ def draw_figure(
     return figure
 
 
-def _draw_bode(of: FigureRequest) -> Figure:
+def _draw_bode(of: _FigureRequest) -> Figure:
     """Draw responses as a Bode plot, or as a map if there are too many groups for lines."""
     shown = [one for one in of.shown if one.response is not None]
     if any(one.place and one.place.is_mapped for one in shown):
@@ -98,7 +98,7 @@ def _draw_bode(of: FigureRequest) -> Figure:
     return draw_bode(infos)
 
 
-def _default_kind(request: FigureRequest) -> str:
+def _default_kind(request: _FigureRequest) -> str:
     if any(of.response is not None for of in request.shown):
         return "bode"
     if not request.curves()[0]:
@@ -109,7 +109,7 @@ def _default_kind(request: FigureRequest) -> str:
     return "positioning" if request.curves(is_positioning)[0] else "curves"
 
 
-DRAWING_FUNCTIONS: dict[str, Callable[[FigureRequest], Figure]] = {
+DRAWING_FUNCTIONS: dict[str, Callable[[_FigureRequest], Figure]] = {
     "bode": _draw_bode,
     "errors": lambda of: draw_errors(errors_info(of.shown, of.title)),
     "amplitude_map": lambda of: draw_amplitude_map(amplitude_map_info(of.shown, of.title)),

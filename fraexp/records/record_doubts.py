@@ -182,7 +182,7 @@ POSITION_UNITS = ("m", "rad", "1")
 """Units of what wraps: positions of encoders, and numbers."""
 
 
-class WrongSamples(NamedTuple):
+class _WrongSamples(NamedTuple):
     """What is wrong with samples of a channel."""
 
     finding: Finding
@@ -206,13 +206,13 @@ def find_wrong_samples(segments: Sequence[Segment], units: dict[str, str]) -> tu
     return tuple(first.values())
 
 
-def _influence(segment: Segment, name: str, wrong: WrongSamples) -> float:
+def _influence(segment: Segment, name: str, wrong: _WrongSamples) -> float:
     """Return by how much the samples change the usual phasor of a channel at its lines, relative to it, 1 at most."""
     usual = float(np.median(np.abs(phasors(segment, name).mean(axis=0))))
     return min(2 * wrong.deviation / segment.channels[name].size / usual, 1.0) if usual else 1.0
 
 
-def _wrong_samples(segment: Segment, name: str, unit: str) -> WrongSamples | None:
+def _wrong_samples(segment: Segment, name: str, unit: str) -> _WrongSamples | None:
     periods = segment.channels[name]
     if name in COMMANDS or not np.ptp(periods):
         return None
@@ -268,7 +268,7 @@ class _Motion:
         period, within = divmod(sample, self._samples)
         return Finding(kind, quantities, place=f"sample {within + 1} of period {period + 1}")
 
-    def spikes(self) -> WrongSamples | None:
+    def spikes(self) -> _WrongSamples | None:
         """Return single samples, or a few in a row, to which the motion leaps and from which it comes back."""
         around = sliding_window_view(np.pad(self._steps, 2, mode="symmetric"), 5)
         leap = self._steps - np.median(around, axis=1)  # no step of a smooth motion differs much from those beside
@@ -287,11 +287,11 @@ class _Motion:
             Quantity(worst[2], self._unit, "leap"),
             Quantity(float(count), "1", "number of such samples"),
         )
-        return WrongSamples(
+        return _WrongSamples(
             self._finding("spikes", worst[0], *quantities), sum((stop - start) * size for start, stop, size in found)
         )
 
-    def holds(self) -> WrongSamples | None:
+    def holds(self) -> _WrongSamples | None:
         """Return that a position changes at every second sample only, or more rarely: it is refreshed that slowly."""
         changes = np.flatnonzero(self._steps[: self._samples])
         every = int(np.gcd.reduce(np.diff(changes))) if changes.size >= MIN_CHANGES else 1
@@ -300,7 +300,7 @@ class _Motion:
         if np.median(np.abs(self._steps[changes])) < MIN_SPIKE_STEPS * smallest_step(self._channel):
             return None  # it moves evenly, by single steps of the encoder
         held = Quantity(float(every), "1", "number of equal samples")
-        return WrongSamples(self._finding("held samples", int(changes[0]), held))
+        return _WrongSamples(self._finding("held samples", int(changes[0]), held))
 
     def _excursions(
         self, places: NDArray[np.int64], leap: NDArray[np.float64], most: int
@@ -317,7 +317,7 @@ class _Motion:
                 yield 0, place + 1, height
             number += 1
 
-    def stops(self) -> WrongSamples | None:
+    def stops(self) -> _WrongSamples | None:
         """Return where a motion stops within a sample: at the ends of its range it is clipped, elsewhere lost."""
         ends = np.append(np.flatnonzero(self._steps) + 1, self._channel.size)
         lengths = np.diff(ends, prepend=0)
@@ -339,7 +339,7 @@ class _Motion:
         clipped, elsewhere = lengths[is_clipped].sum(), lengths[~np.isin(value, self._limits)].sum()
         if clipped and elsewhere <= MAX_STICKING * clipped and clipped <= MAX_CLIPPED_SHARE * self._channel.size:
             values = (Quantity(of, self._unit, "end of its range") for of in np.unique(value[is_clipped]).tolist())
-            return WrongSamples(self._finding("clipped", int(starts[is_clipped][0]), *values))
+            return _WrongSamples(self._finding("clipped", int(starts[is_clipped][0]), *values))
         is_lost = (lengths >= max(MIN_LOST_SAMPLES, MIN_LOST_SHARE * self._samples)) & (
             np.maximum(entries, exits) > fast
         )
@@ -352,7 +352,7 @@ class _Motion:
             Quantity(float(value[longest]), self._unit, "value"),
             Quantity(float(lengths[longest]), "1", "number of equal samples"),
         )
-        return WrongSamples(self._finding("lost signal", int(starts[longest]), *found))
+        return _WrongSamples(self._finding("lost signal", int(starts[longest]), *found))
 
     @property
     def _limits(self) -> tuple[float, float]:
@@ -367,7 +367,7 @@ class _Motion:
         counts = np.maximum(MIN_ENTRY_COUNTS, _rounded_top_steps(lengths))
         return np.maximum(min(MIN_ENTRY_STEP * usual, MIN_ENTRY_BENDS * bend), counts * smallest_step(self._channel))
 
-    def wraps(self) -> WrongSamples | None:
+    def wraps(self) -> _WrongSamples | None:
         """Return where a position jumps by nearly its range, against the direction in which it moves beside."""
         span = float(np.ptp(self._channel))
         jumps = np.flatnonzero(np.abs(self._steps[1:-1]) > WRAP_SHARE * span) + 1
@@ -379,7 +379,7 @@ class _Motion:
         if onward.sum() < max(least, MIN_ONWARD_SHARE * alone.sum()):
             return None
         found = Quantity(span, self._unit, "range"), Quantity(float(jumps.size), "1", "number of jumps")
-        return WrongSamples(self._finding("wraps", int(jumps[np.argmax(onward)]), *found))
+        return _WrongSamples(self._finding("wraps", int(jumps[np.argmax(onward)]), *found))
 
 
 def _rounded_top_steps(samples: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -89,7 +89,7 @@ def read_columns(reader: ColumnReader, path: Path, columns: set[str]) -> RecordT
     return table
 
 
-class JoinedFiles:
+class _JoinedFiles:
     """Readers of several files, which answer as one reader: a column is ``name``, or ``file.csv:name``."""
 
     def __init__(self, paths: Sequence[Path], readers: Sequence[RecordReader]) -> None:
@@ -158,7 +158,7 @@ def joined_reader(paths: Sequence[Path], first: RecordReader, registry: Registry
     """Return the reader of a file, or one for all files that are joined."""
     if len(paths) == 1:
         return first
-    return JoinedFiles(paths, [first, *(find_reader("", path, registry) for path in paths[1:])])
+    return _JoinedFiles(paths, [first, *(find_reader("", path, registry) for path in paths[1:])])
 
 
 def list_contents(file: Path, registry: Registry, reader: str = "") -> list[FileContent]:

@@ -51,7 +51,7 @@ class _Clocks(NamedTuple):
     wall: float
 
 
-class Sentinel:
+class _Sentinel:
     """Watches the main thread, which creates it, until the process ends."""
 
     def __init__(self, report: Callable[[FrameType, bool, float], None], dump: TextIO) -> None:
@@ -140,7 +140,7 @@ def _components_by_name(name: str, kind: str | None, registry: Registry) -> Iter
     yield registry.provider(kinds[0], name).component
 
 
-class CheckProcess:
+class _CheckProcess:
     """Checks the components that are ordered, and reports each finding; what a plugin prints goes to stderr."""
 
     def __init__(self, order: Mapping[str, Any]) -> None:
@@ -153,7 +153,7 @@ class CheckProcess:
 
     def run(self) -> None:
         """Check all components."""
-        Sentinel(self._report_stuck, self._lines).start()
+        _Sentinel(self._report_stuck, self._lines).start()
         try:
             order = self._order
             # The sentinel ends the process; what compiled code is called with is on record where somebody listens.
@@ -256,7 +256,7 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the command, which then ends this process
     order = json.loads(sys.argv[1])
     set_hypothesis_home_dir(order["folder"])  # it would write into the folder that the user is in
-    CheckProcess(order).run()
+    _CheckProcess(order).run()
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from tests.cli.conftest import response_of
 LONG = "an estimator of the effective control input with a very long name, of the second kind"
 COMMANDS = (
     ["list"], ["list", "--sweeps"], ["list", "state:unusable"], ["list", "--studies"], ["show", "1"], ["show", "2"],
-    ["show", "KEY"], ["show", "KEY", "--points"], ["compare", "1"], ["compare", "2"], ["compare", "2", "--all"],
+    ["show", "KEY"], ["show", "KEY", "--points"], ["compare", "1"], ["compare", "2"],
     ["compare", "1", "--against", "plant"], ["plugins"], ["show", "nothing-of-that-name"],
     ["list", "--sort", "stretched"],
     ["tag", "1", "a tag that is wrong"],

@@ -95,7 +95,7 @@ class Known:
 Value = Expression | ArrayView | Known
 
 
-class UntranslatableError(Exception):
+class _UntranslatableError(Exception):
     """A node that cannot be translated, what was found, and what is expected."""
 
     def __init__(self, node: ast.AST, found: str, expected: str) -> None:
@@ -103,7 +103,7 @@ class UntranslatableError(Exception):
         self.node, self.found, self.expected = node, found, expected
 
 
-class FunctionSource:
+class _FunctionSource:
     """The source of a function, with the values of the names that it uses from outside."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -168,7 +168,7 @@ class _Specialisations:
 
     def function(self, name: str, function: Callable[..., Any], values: Mapping[str, Value]) -> Function:
         """Return the translation of a function for these values, which may have been made before."""
-        source = FunctionSource(function)
+        source = _FunctionSource(function)
         if function in self._open:
             raise source.fault(source.definition, "calls itself", "its time is not bounded: loop over a range")
         for known, given, translated in self._functions:
@@ -207,7 +207,7 @@ class _FunctionTranslator:
     """Translates one function; what is known is computed at once."""
 
     def __init__(
-        self, source: FunctionSource, found: Function, values: Mapping[str, Value], others: _Specialisations
+        self, source: _FunctionSource, found: Function, values: Mapping[str, Value], others: _Specialisations
     ) -> None:
         self._source, self._found, self._others, self._language = source, found, others, others.language
         self._values = dict(values)
@@ -267,14 +267,14 @@ class _FunctionTranslator:
                 method = getattr(self, f"_translate_{type(node).__name__.lower()}", None)
                 if method is None:
                     remedy = REMEDIES.get(type(node), SUBSET)
-                    raise UntranslatableError(node, f"uses '{type(node).__name__.lower()}'", remedy)
+                    raise _UntranslatableError(node, f"uses '{type(node).__name__.lower()}'", remedy)
                 method(node)
-            except UntranslatableError as error:
+            except _UntranslatableError as error:
                 raise self._source.fault(error.node, error.found, error.expected) from None
 
     def _translate_expr(self, node: ast.Expr) -> None:
         if not isinstance(node.value, ast.Constant):  # a documentation is none
-            raise UntranslatableError(node, "has an expression without effect", SUBSET)
+            raise _UntranslatableError(node, "has an expression without effect", SUBSET)
 
     def _translate_pass(self, node: ast.Pass) -> None:
         """A statement without effect."""
@@ -287,7 +287,7 @@ class _FunctionTranslator:
 
     def _translate_return(self, node: ast.Return) -> None:
         if node.value is None:
-            raise UntranslatableError(node, "returns nothing", "return a number")
+            raise _UntranslatableError(node, "returns nothing", "return a number")
         self._lines += self._language.return_value(self._found, self._print(self._real(node.value)))
 
     def _translate_assign(self, node: ast.Assign) -> None:
@@ -311,12 +311,12 @@ class _FunctionTranslator:
             owner = self._value(target.value)
             element = self._element(target)
             if isinstance(owner, Known):
-                raise UntranslatableError(target, "writes to a constant", "write elements of the state only")
+                raise _UntranslatableError(target, "writes to a constant", "write elements of the state only")
             self._emit(element, self._real(value))
         elif isinstance(target, ast.Name):
             self._bind(target.id, self._value(value), node)
         else:
-            raise UntranslatableError(node, f"writes {ast.unparse(target)}", SUBSET)
+            raise _UntranslatableError(node, f"writes {ast.unparse(target)}", SUBSET)
 
     def _unpack(self, target: ast.Tuple, value: ast.expr) -> None:
         names = [name.id for name in target.elts if isinstance(name, ast.Name)]
@@ -325,7 +325,7 @@ class _FunctionTranslator:
             known = self._value(value)
             found = [Known(part) for part in known.value] if isinstance(known, Known) else []
         if not len(names) == len(target.elts) == len(found):
-            raise UntranslatableError(target, f"unpacks {ast.unparse(value)}", "unpack as many values into names")
+            raise _UntranslatableError(target, f"unpacks {ast.unparse(value)}", "unpack as many values into names")
         held: list[Value] = []
         for each in found:  # all values are computed before a name is written
             if isinstance(each, Known | ArrayView):
@@ -346,14 +346,14 @@ class _FunctionTranslator:
         if is_number and not is_size:
             self._assign(name, self._number(value, self._source.definition))
         elif self._written[name] > 1:
-            raise UntranslatableError(node, f"gives '{name}' several arrays", "take a name for each")
+            raise _UntranslatableError(node, f"gives '{name}' several arrays", "take a name for each")
         else:
             self._values[name] = value
 
     def _assign(self, name: str, value: Expression) -> None:
         before = self._found.variables.get(name, value.type)
         if before != value.type and {before, value.type} != {"int", "real"}:
-            raise UntranslatableError(
+            raise _UntranslatableError(
                 self._source.definition, f"uses '{name}' for a number and a truth value", "take two names"
             )
         joined: Type = before if before == value.type else "real"
@@ -376,7 +376,7 @@ class _FunctionTranslator:
         call = node.iter
         looped = self._value(call.func) if isinstance(call, ast.Call) else None
         if node.orelse or not (isinstance(call, ast.Call) and isinstance(looped, Known) and looped.value is range):
-            raise UntranslatableError(node, f"loops over {ast.unparse(call)}", "loop over a range of whole numbers")
+            raise _UntranslatableError(node, f"loops over {ast.unparse(call)}", "loop over a range of whole numbers")
         counter = self._counter(node)
         start, stop, step = self._range([self._whole(bound) for bound in call.args], node)
         if not isinstance(stop, Constant):  # Python computes it once
@@ -397,7 +397,7 @@ class _FunctionTranslator:
         name = node.target.id if isinstance(node.target, ast.Name) else ""
         if not name or name in self._loops or any(name in _written_names(part) for part in node.body):
             found = f"loops with {ast.unparse(node.target)}, which is written inside or outside of the loop"
-            raise UntranslatableError(node, found, "loop with a name of its own")
+            raise _UntranslatableError(node, found, "loop with a name of its own")
         return name
 
     def _range(self, bounds: Sequence[Expression], node: ast.For) -> tuple[Expression, Expression, int]:
@@ -405,7 +405,7 @@ class _FunctionTranslator:
         stop = bounds[1] if len(bounds) > 1 else bounds[0]
         step = bounds[2] if len(bounds) > 2 else Constant(1, "int")
         if not isinstance(step, Constant) or step.value == 0:
-            raise UntranslatableError(node, "loops with a step that varies", "take a constant one")
+            raise _UntranslatableError(node, "loops with a step that varies", "take a constant one")
         return start, stop, int(step.value)
 
     # An expression as a number of a type.
@@ -422,13 +422,13 @@ class _FunctionTranslator:
     def _whole(self, node: ast.expr) -> Expression:
         found = self._number(self._value(node), node)
         if found.type != "int":
-            raise UntranslatableError(node, f"needs a whole number for {ast.unparse(node)}", "take int(...)")
+            raise _UntranslatableError(node, f"needs a whole number for {ast.unparse(node)}", "take int(...)")
         return found
 
     def _number(self, value: Value, node: ast.AST) -> Expression:
         """Return a value that must be a number or a truth value."""
         if isinstance(value, ArrayView):
-            raise UntranslatableError(node, "computes with a whole array", "loop over its elements")
+            raise _UntranslatableError(node, "computes with a whole array", "loop over its elements")
         if not isinstance(value, Known):
             return value
         if isinstance(value.value, bool | np.bool_):
@@ -437,7 +437,7 @@ class _FunctionTranslator:
             return Constant(int(value.value), "int")
         if isinstance(value.value, float | np.floating):
             return Constant(float(value.value), "real")
-        raise UntranslatableError(node, f"uses {type(value.value).__name__} as a number", "use numbers")
+        raise _UntranslatableError(node, f"uses {type(value.value).__name__} as a number", "use numbers")
 
     def _converted(self, value: Expression, kind: Type) -> Expression:
         """Return a number in a type that can hold it."""
@@ -451,13 +451,13 @@ class _FunctionTranslator:
         """Return what an expression is, known or not."""
         method = getattr(self, f"_{type(node).__name__.lower()}", None)
         if method is None:
-            raise UntranslatableError(node, f"uses {ast.unparse(node)}", "expected numbers, operators and calls")
+            raise _UntranslatableError(node, f"uses {ast.unparse(node)}", "expected numbers, operators and calls")
         found: Value = method(node)
         return found
 
     def _constant(self, node: ast.Constant) -> Value:
         if not isinstance(node.value, int | float):
-            raise UntranslatableError(node, f"uses {node.value!r}", "use numbers")
+            raise _UntranslatableError(node, f"uses {node.value!r}", "use numbers")
         return Known(node.value)
 
     def _name(self, node: ast.Name) -> Value:
@@ -467,13 +467,13 @@ class _FunctionTranslator:
         if name not in self._ended and name in self._found.variables:
             return Variable(name, self._found.variables[name])
         if name in self._ended or name not in outside:
-            raise UntranslatableError(node, f"uses '{name}', which is not defined", "define it before")
+            raise _UntranslatableError(node, f"uses '{name}', which is not defined", "define it before")
         return Known(outside[name])
 
     def _tuple(self, node: ast.Tuple) -> Value:
         parts = [self._value(part) for part in node.elts]
         if not all(isinstance(part, Known) for part in parts):
-            raise UntranslatableError(node, f"uses {ast.unparse(node)}", "group what is known in advance only")
+            raise _UntranslatableError(node, f"uses {ast.unparse(node)}", "group what is known in advance only")
         return Known(tuple(part.value for part in parts if isinstance(part, Known)))
 
     def _attribute(self, node: ast.Attribute) -> Value:
@@ -485,7 +485,7 @@ class _FunctionTranslator:
             return Known(size)
         if isinstance(owner, Known) and inspect.ismodule(owner.value) and hasattr(owner.value, node.attr):
             return Known(getattr(owner.value, node.attr))
-        raise UntranslatableError(node, f"uses {ast.unparse(node)}", "of arrays only .size is known")
+        raise _UntranslatableError(node, f"uses {ast.unparse(node)}", "of arrays only .size is known")
 
     def _subscript(self, node: ast.Subscript) -> Value:
         if isinstance(node.slice, ast.Slice):
@@ -501,19 +501,19 @@ class _FunctionTranslator:
         owner = self._value(node.value)
         bounds = [self._value(bound) if bound else Known(None) for bound in (part.lower, part.upper, part.step)]
         if not isinstance(owner, ArrayView | Known) or not all(isinstance(bound, Known) for bound in bounds):
-            raise UntranslatableError(node, f"takes the part {ast.unparse(node)}", "take constant bounds")
+            raise _UntranslatableError(node, f"takes the part {ast.unparse(node)}", "take constant bounds")
         cut = slice(*(bound.value for bound in bounds if isinstance(bound, Known)))
         if isinstance(owner, Known):
             return Known(owner.value[cut])
         start, stop, step = cut.indices(owner.size)
         if step != 1:
-            raise UntranslatableError(node, f"takes the part {ast.unparse(node)}", "take neighbouring elements")
+            raise _UntranslatableError(node, f"takes the part {ast.unparse(node)}", "take neighbouring elements")
         return replace(owner, offset=owner.offset + start, size=max(stop - start, 0))
 
     def _element(self, node: ast.Subscript) -> Text:
         """Return an element of an array."""
         if isinstance(node.slice, ast.Slice):
-            raise UntranslatableError(node, "writes to a part of an array", "write its elements in a loop")
+            raise _UntranslatableError(node, "writes to a part of an array", "write its elements in a loop")
         owner = self._value(node.value)
         if isinstance(owner, ArrayView):
             index = self._index(node, owner.offset, owner.size)
@@ -522,7 +522,7 @@ class _FunctionTranslator:
             name = node.value.id if isinstance(node.value, ast.Name) else "table"
             index = self._index(node, 0, owner.value.size)
             return self._language.element(self._found, self._table(name, owner.value), index)
-        raise UntranslatableError(node, f"uses {ast.unparse(node)}", "take elements of arrays with one axis")
+        raise _UntranslatableError(node, f"uses {ast.unparse(node)}", "take elements of arrays with one axis")
 
     def _table(self, name: str, values: "np.ndarray[Any, Any]") -> str:
         """Return the name of a table with these values, which is made if there is none."""
@@ -534,12 +534,12 @@ class _FunctionTranslator:
 
     def _index(self, node: ast.Subscript, offset: int, size: int) -> Expression:
         if isinstance(node.slice, ast.Tuple):
-            raise UntranslatableError(node, f"uses {ast.unparse(node)}", "take arrays with one axis")
+            raise _UntranslatableError(node, f"uses {ast.unparse(node)}", "take arrays with one axis")
         index = self._whole(node.slice)
         if isinstance(index, Constant):
             place = int(index.value) + (size if index.value < 0 else 0)
             if not 0 <= place < size:
-                raise UntranslatableError(node, f"uses {ast.unparse(node)} of {size} elements", "stay within it")
+                raise _UntranslatableError(node, f"uses {ast.unparse(node)} of {size} elements", "stay within it")
             return Constant(place + offset, "int")
         if any(isinstance(part, ast.Sub | ast.USub) for part in ast.walk(node.slice)):
             index = self._library("wrap", (index, Constant(size, "int")), "int")  # Python counts from the end
@@ -557,7 +557,7 @@ class _FunctionTranslator:
 
     def _binop(self, node: ast.BinOp) -> Value:
         if type(node.op) not in ARITHMETIC:
-            raise UntranslatableError(node, f"uses {ast.unparse(node)}", "expected + - * / ** & |")
+            raise _UntranslatableError(node, f"uses {ast.unparse(node)}", "expected + - * / ** & |")
         sign, compute = ARITHMETIC[type(node.op)]
         first, second = self._value(node.left), self._value(node.right)
         if isinstance(first, Known) and isinstance(second, Known):
@@ -565,7 +565,7 @@ class _FunctionTranslator:
         numbers = self._number(first, node), self._number(second, node)
         types = {number.type for number in numbers}
         if (sign in ("and", "or")) != ("bool" in types) or ("bool" in types and len(types) > 1):
-            raise UntranslatableError(node, "mixes numbers and truth values", "choose numbers by where(...)")
+            raise _UntranslatableError(node, "mixes numbers and truth values", "choose numbers by where(...)")
         if "bool" in types:
             return self._operation(sign, numbers, "bool")
         reals = [self._converted(number, "real") for number in numbers]
@@ -581,7 +581,7 @@ class _FunctionTranslator:
         truths: list[bool] = []
         for sign, left, right in zip(node.ops, parts[:-1], parts[1:], strict=True):
             if type(sign) not in COMPARISONS:
-                raise UntranslatableError(node, f"uses {ast.unparse(node)}", "compare numbers")
+                raise _UntranslatableError(node, f"uses {ast.unparse(node)}", "compare numbers")
             text, compute = COMPARISONS[type(sign)]
             pair = [self._number(left, node), self._number(right, node)]
             if pair[0].type != pair[1].type:
@@ -620,9 +620,9 @@ class _FunctionTranslator:
     def _call(self, node: ast.Call) -> Value:
         called = self._value(node.func)
         if not isinstance(called, Known) or not callable(called.value):
-            raise UntranslatableError(node, f"calls {ast.unparse(node.func)}", "call functions of Python")
+            raise _UntranslatableError(node, f"calls {ast.unparse(node.func)}", "call functions of Python")
         if node.keywords:
-            raise UntranslatableError(node, "calls with named arguments", "give them by their order")
+            raise _UntranslatableError(node, "calls with named arguments", "give them by their order")
         arguments = self._arguments(node)
         try:
             known = KNOWN_FUNCTIONS.get(called.value)
@@ -632,7 +632,7 @@ class _FunctionTranslator:
             return self._library_call(known, called.value, arguments, node)
         if inspect.isfunction(getattr(called.value, "py_func", called.value)):
             return self._call_translated(called.value, arguments, node)
-        raise UntranslatableError(node, f"calls {ast.unparse(node.func)}", "see the list of functions in the docs")
+        raise _UntranslatableError(node, f"calls {ast.unparse(node.func)}", "see the list of functions in the docs")
 
     def _arguments(self, node: ast.Call) -> list[Value]:
         found: list[Value] = []
@@ -640,7 +640,7 @@ class _FunctionTranslator:
             if isinstance(argument, ast.Starred):
                 given = self._value(argument.value)
                 if not isinstance(given, Known) or not isinstance(given.value, tuple):
-                    raise UntranslatableError(node, f"calls with {ast.unparse(argument)}", "give each argument")
+                    raise _UntranslatableError(node, f"calls with {ast.unparse(argument)}", "give each argument")
                 found += [Known(part) for part in given.value]
             else:
                 found.append(self._value(argument))
@@ -648,7 +648,7 @@ class _FunctionTranslator:
 
     def _call_translated(self, function: Callable[..., Any], given: Sequence[Value], node: ast.AST) -> Text:
         """Return the call of another function of Python, which is translated for what is known of its arguments."""
-        source = FunctionSource(function)
+        source = _FunctionSource(function)
         if len(given) != len(source.parameters):
             raise self._source.fault(node, f"calls {source.definition.name} with {len(given)} arguments", "give all")
         named = dict(zip(source.parameters, given, strict=True))
@@ -667,14 +667,14 @@ class _FunctionTranslator:
         if known == "length":
             if isinstance(given[0], ArrayView):
                 return Known(given[0].size)
-            raise UntranslatableError(node, f"takes {ast.unparse(node)}", "take the length of an array")
+            raise _UntranslatableError(node, f"takes {ast.unparse(node)}", "take the length of an array")
         numbers = [self._number(argument, node) for argument in given]
         match known:
             case "min" | "max":
                 return self._extreme(known, numbers)
             case "choose":
                 if numbers[0].type != "bool":
-                    raise UntranslatableError(node, "chooses by a number", "compare it first")
+                    raise _UntranslatableError(node, "chooses by a number", "compare it first")
                 return self._library("choose", (numbers[0], *(self._converted(each, "real") for each in numbers[1:])))
             case "truncate":
                 return numbers[0] if numbers[0].type == "int" else self._library("truncate", numbers, "int")

@@ -31,7 +31,7 @@ QUANTILE_LEVELS = (0.5, 0.95)
 
 
 @dataclass(frozen=True)
-class MetricSample:
+class _MetricSample:
     """Values of a metric over the draws of a family."""
 
     label: str
@@ -52,19 +52,19 @@ class MetricSample:
 
 
 @dataclass(frozen=True)
-class DistributionPanel:
+class _DistributionPanel:
     """A panel with one metric."""
 
     metric: str
     unit: str
-    samples: tuple[MetricSample, ...]
+    samples: tuple[_MetricSample, ...]
 
 
 @dataclass(frozen=True)
 class DistributionInfo:
     """Contents of a figure of distributions."""
 
-    panels: tuple[DistributionPanel, ...]
+    panels: tuple[_DistributionPanel, ...]
     families: tuple[str, ...]
     title: str
 
@@ -114,7 +114,7 @@ def _empty_reason(shown: Sequence[ShownResult]) -> str:
     return "no metric differs from draw to draw; draw numbers that matter, or raise their deviation"
 
 
-def _panel(name: str, unit: str, families: Mapping[str, Sequence[ShownResult]]) -> DistributionPanel:
+def _panel(name: str, unit: str, families: Mapping[str, Sequence[ShownResult]]) -> _DistributionPanel:
     values = {family: np.array([_value(of, name, unit) for of in members]) for family, members in families.items()}
     greatest = max(float(np.abs(column[np.isfinite(column)]).max(initial=0.0)) for column in values.values())
     factor, readable = _readable_unit(unit, greatest)
@@ -123,8 +123,8 @@ def _panel(name: str, unit: str, families: Mapping[str, Sequence[ShownResult]]) 
         known, members = np.isfinite(column), families[family]
         worst = members[int(np.nanargmax(np.where(known, np.abs(column), np.nan)))] if known.any() else None
         missing = None if known.all() else members[int(np.argmin(known))]
-        samples.append(MetricSample(family, factor * np.sort(column[known]), column.size, worst, missing))
-    return DistributionPanel(name, readable, tuple(samples))
+        samples.append(_MetricSample(family, factor * np.sort(column[known]), column.size, worst, missing))
+    return _DistributionPanel(name, readable, tuple(samples))
 
 
 def _value(of: ShownResult, name: str, unit: str) -> float:
@@ -161,7 +161,7 @@ def draw_distribution(info: DistributionInfo) -> "Figure":
     return figure
 
 
-def _draw_panel(axes: "Axes", panel: DistributionPanel, styles: Mapping[str, LineStyle]) -> None:
+def _draw_panel(axes: "Axes", panel: _DistributionPanel, styles: Mapping[str, LineStyle]) -> None:
     for level in QUANTILE_LEVELS:
         axes.axhline(100 * level, color="0.4", linewidth=0.8, linestyle=(0, (4, 4)), zorder=2)
     for sample in panel.samples:
@@ -188,7 +188,7 @@ def _draw_panel(axes: "Axes", panel: DistributionPanel, styles: Mapping[str, Lin
     axes.set_xlabel(_axis_title(panel))
 
 
-def _axis_title(panel: DistributionPanel) -> str:
+def _axis_title(panel: _DistributionPanel) -> str:
     name = panel.metric[:1].upper() + panel.metric[1:]
     return f"{name} [{panel.unit}]" if panel.unit not in ("", "1") else name
 
@@ -211,13 +211,13 @@ def _table_cells(info: DistributionInfo) -> tuple[list[str], list[list[str]]]:
     return titles, rows
 
 
-def _worst_cells(sample: MetricSample) -> list[str]:
+def _worst_cells(sample: _MetricSample) -> list[str]:
     if sample.worst is None:
         return ["none", "", ""]
     return [_value_text(float(max(sample.values, key=abs))), drawable(_draw_name(sample.worst)), sample.worst.key[4:12]]
 
 
-def _missing_text(sample: MetricSample) -> str:
+def _missing_text(sample: _MetricSample) -> str:
     count = sample.count - sample.values.size
     return f"{count}, first {_draw_name(sample.missing)}" if sample.missing else str(count)
 

@@ -26,7 +26,7 @@ MIN_MARK_DISTANCE = 0.08
 
 
 @dataclass(frozen=True)
-class NyquistCurve(GroupedLine):
+class _NyquistCurve(GroupedLine):
     """A response in the complex plane, in ascending frequency: imaginary over real part [unit of the figure]."""
 
     frequency: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
@@ -58,8 +58,8 @@ class NyquistCurve(GroupedLine):
 class NyquistInfo:
     """Contents of a Nyquist plot."""
 
-    curves: tuple[NyquistCurve, ...]
-    reference: NyquistCurve | None
+    curves: tuple[_NyquistCurve, ...]
+    reference: _NyquistCurve | None
     unit: str
     """Unit of both axes, such as ``mm/N``."""
     title: str
@@ -89,10 +89,10 @@ def _curve(
     response: NDArray[np.complex128],
     settled: NDArray[np.bool_],
     place: CurvePlace = OWN_PLACE,
-) -> NyquistCurve:
+) -> _NyquistCurve:
     scaled = factor * response
     shown = np.where(np.isfinite(scaled), scaled, np.nan)
-    return NyquistCurve(label, place, shown.real, shown.imag, settled, frequency=frequency)
+    return _NyquistCurve(label, place, shown.real, shown.imag, settled, frequency=frequency)
 
 
 def draw_nyquist(info: NyquistInfo) -> "Figure":
@@ -109,14 +109,14 @@ def draw_nyquist(info: NyquistInfo) -> "Figure":
         return panels.finish(info.title, x_titles, y_titles, places)
 
 
-def _facet_height(curves: Sequence[NyquistCurve]) -> float:
+def _facet_height(curves: Sequence[_NyquistCurve]) -> float:
     """Return the height [inch] at which a facet with equal axes is as wide as its place."""
     real, imaginary = (np.concatenate([[0.0], *parts]) for parts in zip(*((of.x, of.y) for of in curves), strict=True))
     width, height = (float(np.nanmax(of) - np.nanmin(of)) or 1.0 for of in (real, imaginary))
     return float(np.clip(FACET_WIDTH * height / width, 1.2, 5.0)) + 0.9
 
 
-def _draw_marks(axes: "Axes", curves: Sequence[NyquistCurve], reference: NyquistCurve | None) -> None:
+def _draw_marks(axes: "Axes", curves: Sequence[_NyquistCurve], reference: _NyquistCurve | None) -> None:
     """Draw the reference, the axes through 0, and frequencies on the largest curve that are not too close."""
     if reference is not None:
         draw_line(axes, reference.x, reference.y, reference.usable, reference.name, canvas.REFERENCE_STYLE)

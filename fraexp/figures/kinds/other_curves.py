@@ -35,7 +35,7 @@ LabelledCurve = tuple[str, Curve, CurvePlace]
 """Label, curve and place."""
 
 
-class ShownUnit(NamedTuple):
+class _ShownUnit(NamedTuple):
     """The unit in which a column is drawn."""
 
     factor: float
@@ -119,12 +119,12 @@ def _full_name(name: str, curve: Curve, also: bool) -> str:
     return f"{name}, {curve.name}" if also else curve.name
 
 
-def _shown_units(alike: Sequence[LabelledCurve], columns: Sequence[str]) -> dict[str, ShownUnit]:
+def _shown_units(alike: Sequence[LabelledCurve], columns: Sequence[str]) -> dict[str, _ShownUnit]:
     """Return the units in which columns are shown; displacements in a unit that suits the largest of them."""
     stored = {name: unit for _, curve, _ in alike for name, unit in curve.units.items() if name in columns}
     known = {unit: _largest_value(alike, columns, unit) for unit in DISPLACEMENT_UNITS}
     return {
-        name: ShownUnit(*(displacement_unit(known[unit], unit) if unit in known else readable_unit(unit)), unit)
+        name: _ShownUnit(*(displacement_unit(known[unit], unit) if unit in known else readable_unit(unit)), unit)
         for name, unit in stored.items()
     }
 
@@ -137,7 +137,7 @@ def _largest_value(alike: Sequence[LabelledCurve], columns: Sequence[str], unit:
 
 
 def _curve_panel(
-    alike: Sequence[LabelledCurve], abscissa: str, ordinate: str, units: Mapping[str, ShownUnit], first: bool
+    alike: Sequence[LabelledCurve], abscissa: str, ordinate: str, units: Mapping[str, _ShownUnit], first: bool
 ) -> Panel:
     having = [(label, curve, place) for label, curve, place in alike if ordinate in curve.columns]
     shown = {name: units[name] for name in (abscissa, ordinate)}
@@ -185,7 +185,7 @@ def _positive_values(panel: Panel) -> NDArray[np.float64]:
 
 
 def _curve_trace(
-    label: str, curve: Curve, place: CurvePlace, shown: Mapping[str, ShownUnit], first: bool
+    label: str, curve: Curve, place: CurvePlace, shown: Mapping[str, _ShownUnit], first: bool
 ) -> GroupedLine:
     """Return a column over the abscissa, which is first in `shown`; the first ordinate has model and limits."""
     x, y = (unit.factor * curve.columns[name] for name, unit in shown.items())
@@ -201,7 +201,7 @@ def _curve_trace(
     )
 
 
-def _axis_title(name: str, units: Mapping[str, ShownUnit]) -> str:
+def _axis_title(name: str, units: Mapping[str, _ShownUnit]) -> str:
     return f"{_capitalised(_force_name(name, units[name].stored))} [{units[name].name}]"
 
 

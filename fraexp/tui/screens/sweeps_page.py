@@ -31,7 +31,7 @@ FIELD_VALUES = {
 }
 
 
-class FieldSuggester(Suggester):
+class _FieldSuggester(Suggester):
     """Completes the last term of a filter."""
 
     def __init__(self) -> None:
@@ -85,7 +85,7 @@ is searched in all fields. Tab completes names.
 
     def body(self) -> ComposeResult:
         """Show the filter above the matching sweeps."""
-        yield FilterLine(f"/ filter: {FILTER_EXAMPLE}", FieldSuggester(), stays=True)
+        yield FilterLine(f"/ filter: {FILTER_EXAMPLE}", _FieldSuggester(), stays=True)
         yield Static(classes="wrong")
         with Horizontal(id="split"):
             yield SweepTable(shows_errors=False)
@@ -169,7 +169,7 @@ is searched in all fields. Tab completes names.
         """Edit the filter."""
         await super().action_filter()
         known = await self.read(lambda store: (store.fields(), store.tags()), lambda _: None)
-        if known and isinstance(fields := self.line.suggester, FieldSuggester):
+        if known and isinstance(fields := self.line.suggester, _FieldSuggester):
             fields.know(*known)
 
     @work(group="filter", exclusive=True)

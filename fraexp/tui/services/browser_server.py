@@ -51,7 +51,7 @@ def is_local(host: str) -> bool:
         return False
 
 
-class AccessGuard:
+class _AccessGuard:
     """Middleware that admits requests with the token, from pages of this server."""
 
     def __init__(self, host: str, token: str) -> None:
@@ -88,7 +88,7 @@ class AccessGuard:
         return origin is None or urlsplit(origin).netloc == request.host
 
 
-class FraexpServer(Server):
+class _FraexpServer(Server):
     """A server of terminal sessions that are protected by a token.
 
     textual-serve has no public hook for middleware and for the end of a session: `_make_app`, `_process_messages` and
@@ -97,7 +97,7 @@ class FraexpServer(Server):
 
     def __init__(self, command: Sequence[str], host: str, port: int, token: str) -> None:
         super().__init__(shlex.join(command), host, port, title="fraexp")
-        self._guard = AccessGuard(host, token)
+        self._guard = _AccessGuard(host, token)
         self._address = f"{self.public_url}/?token={token}"
 
     def initialize_logging(self) -> None:
@@ -158,19 +158,19 @@ async def _add_security_headers(request: web.Request, response: web.StreamRespon
     response.headers["Referrer-Policy"] = "no-referrer"
 
 
-def serve(command: Sequence[str], host: str, port: int, remote: bool, token: str) -> None:
-    """Serve until interrupted; FraexpError if the address is unavailable, or public without ``--remote``."""
-    if not is_local(host) and not (remote and token):
+def serve(command: Sequence[str], host: str, port: int, token: str) -> None:
+    """Serve until interrupted; FraexpError if the address is unavailable, or public without a token."""
+    if not is_local(host) and not token:
         raise FraexpError(
             f"serve: other machines can reach {host}, and act with your rights; "
-            "to allow this, give --remote and a --token of at least 16 letters and digits"
+            "to allow this, give a --token of at least 16 letters and digits"
         )
     if token and (len(token) < 16 or not token.isascii() or not token.isalnum()):
         raise FraexpError(
             "serve: the token is too weak; expected at least 16 letters and digits, or no --token for a random one"
         )
     _check_free(host, port)
-    FraexpServer(command, host, port, token or secrets.token_hex(16)).serve()
+    _FraexpServer(command, host, port, token or secrets.token_hex(16)).serve()
 
 
 def _check_free(host: str, port: int) -> None:

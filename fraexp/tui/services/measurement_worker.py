@@ -136,7 +136,7 @@ def plan_summaries(service: Service) -> tuple[PlanSummary, ...]:
     raise FraexpError("\n".join(faults))
 
 
-class MeasurementTeller:
+class _MeasurementTeller:
     """Tells what the events of a measurement change in its state."""
 
     def __init__(self, service: Service, tell: Tell) -> None:
@@ -270,7 +270,7 @@ def open_service(workspace: WorkspaceService, study: str, overrides: list[str]) 
 
 def measure(service: Service, fresh: bool, tell: Tell) -> None:
     """Measure all points, and tell how it goes and ends."""
-    teller = MeasurementTeller(service, tell)
+    teller = _MeasurementTeller(service, tell)
     events: Generator[object, None, None]
     events = service.measure(fresh) if isinstance(service, AutonomousService) else service.measure_points(fresh)
     with closing(events):
