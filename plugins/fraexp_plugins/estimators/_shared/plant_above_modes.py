@@ -115,6 +115,7 @@ def fit_above_modes(parts: Sequence[Harmonics], guess: PlantAboveModes) -> Plant
         for middle, near in zip(grid, map(slice, begins, ends), strict=True)
     ]
     gain, error = map(np.array, zip(*fits, strict=True))
+    gain = np.where(error < MAX_ERROR, gain, guess.gain[-1])
     return PlantAboveModes(np.exp(grid), gain, error, guess.relative_degree)
 
 

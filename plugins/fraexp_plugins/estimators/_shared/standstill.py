@@ -25,8 +25,6 @@ PROBE_M, PROBE_STEPS, PROBE_STEP_S = 1e-3, 200, 1.0
 """A slow motion on which friction reaches its greatest force: length [m], steps, and their duration [s]."""
 MAX_STOP_RATIO = 10.0
 """Motion in a sample that counts as standstill on a stop, over the motion that the record cannot show, at most."""
-MIN_STANDING_INTERVALS = 2
-"""Samples' intervals in which a machine that stands does not move."""
 UNSAMPLED_SHARE = 1 / 3
 """Sum of the harmonics beyond the Nyquist frequency over that of the octave below: they fall with their third power,
 because acceleration jumps where a machine sticks or breaks away."""
@@ -95,7 +93,8 @@ def _find_doubts(observer: ObserverEstimator, segments: Sequence[Segment]) -> li
     if min(greatest, stiffness) <= 0:
         return []
     stop = observer.displacement_scale * greatest / observer.force_scale / stiffness
-    hidden = stop if friction.velocity_law else _hidden_motion(observer, stop)  # set-valued: its stop is no motion
+    least = stop if friction.velocity_law else 0.0  # set-valued: its stop is no motion
+    hidden = max(least, _hidden_motion(observer, stop))
     unseen = [(index, max(hidden, _unsampled_motion(observer, each))) for index, each in enumerate(segments)]
     unseen = [(index, motion) for index, motion in unseen if motion >= MIN_HIDDEN_SHARE * stop]  # without the law
     motions = [
@@ -162,13 +161,9 @@ def _unsampled_motion(observer: ObserverEstimator, segment: Segment) -> float:
 def _standing(y: NDArray[np.float64], tolerance: float) -> NDArray[np.bool_]:
     """Return whether the machine stands in the interval that begins with each sample, shape (n,).
 
-    It does where the position moves by no more than the tolerance in several intervals: a slow motion that goes on is
-    none, although a single interval does not show it.
+    It may where the position moves by no more than the tolerance.
     """
-    begins = np.ones(y.size, dtype=bool)
-    for count in range(1, MIN_STANDING_INTERVALS + 1):
-        begins &= np.abs(np.roll(y, -count) - y) <= tolerance
-    return np.logical_or.reduce([np.roll(begins, shift) for shift in range(MIN_STANDING_INTERVALS)])
+    return np.asarray(np.abs(np.roll(y, -1) - y) <= tolerance)
 
 
 def _thrust(observer: ObserverEstimator, segment: Segment) -> NDArray[np.float64]:
