@@ -1,6 +1,6 @@
 """The fit of a law's forces beside the terms: elements on a grid, or any law whose shape is searched."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import NamedTuple
@@ -41,16 +41,10 @@ LAG_WINDOW = 5.0
 class CompressedRows:
     """The rows of some cycles, compressed by orthogonal transformations: small, with the same condition number."""
 
-    def __init__(self, rows: Sequence[Rows], problem: FrictionProblem, cycles: NDArray[np.int64]) -> None:
-        self.free, self.size = problem.signed, rows[0].columns.shape[1]
-        parts: list[NDArray[np.float64]] = [problem.prior_rows(self.size)]
-        self.count = 0
-        for each in rows:
-            chosen = np.isin(each.cycle, cycles)
-            self.count += int(chosen.sum())
-            table = np.column_stack([each.columns[chosen], each.force[chosen]])
-            parts.append(np.asarray(np.linalg.qr(table, mode="r")))
-        self.triangle = np.asarray(np.linalg.qr(np.concatenate(parts), mode="r"))
+    def __init__(self, rows: Rows, problem: FrictionProblem, chosen: NDArray[np.bool_]) -> None:
+        self.free, self.size, self.count = problem.signed, rows.columns.shape[1], int(chosen.sum())
+        table = np.column_stack([rows.columns[chosen], rows.force[chosen]])
+        self.triangle = np.asarray(np.linalg.qr(np.concatenate([problem.prior_rows(self.size), table]), mode="r"))
 
     def solve(self, used: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return the coefficients, shape (p,), of least squared error: those not `used` are 0, those not free ≥ 0."""
@@ -86,22 +80,16 @@ PERIOD_RATIO = 1.25
 """Length of the longest wave over the stroke: the force at its ends need not be the same."""
 
 
-def stroke_waves(records: Sequence[FrictionRecord], rows: Sequence[Rows]) -> NDArray[np.float64]:
+def stroke_waves(records: Sequence[FrictionRecord], rows: Rows) -> NDArray[np.float64]:
     """Return sines and cosines along the stroke in the rows of all records, shape (rows, 4 WAVES).
 
     They are alike in both directions of the motion, and then with its sign.
     """
-    positions = np.concatenate([record.displacement for record in records])
-    first, length = float(positions.min()), PERIOD_RATIO * float(np.ptp(positions))
-
-    def wave_of(record: FrictionRecord) -> Iterator[NDArray[np.float64]]:
-        phase = 2 * np.pi * (record.displacement - first) / length
-        for sign in (np.ones_like(phase), np.sign(record.velocity)):
-            for function in (np.cos, np.sin):
-                yield from (sign * function(number * phase) for number in range(1, WAVES + 1))
-
-    pairs = zip(records, rows, strict=True)  # all waves of a long record at once would fill the memory
-    return np.concatenate([np.column_stack([of.weights.friction @ w for w in wave_of(r)]) for r, of in pairs])
+    y, velocity = (np.concatenate([getattr(r, name) for r in records]) for name in ("displacement", "velocity"))
+    phase = 2 * np.pi * (y - y.min()) / (PERIOD_RATIO * np.ptp(y))
+    signs, numbers = (np.ones_like(phase), np.sign(velocity)), range(1, WAVES + 1)
+    waves = (sign * function(k * phase) for sign in signs for function in (np.cos, np.sin) for k in numbers)
+    return np.column_stack([rows.weights.friction @ wave for wave in waves])  # all at once would fill the memory
 
 
 class Regression(NamedTuple):
@@ -204,15 +192,20 @@ class FrictionFit:
     neighbours: NDArray[np.bool_] | None = None
     """Which columns have no force, but may have that of another one by an error of its threshold, shape (N,)."""
 
+    def _in_rows(self, along: Callable[[FrictionRecord], NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Return forces at the samples of each record, shape (n, N), in the rows of all, shape (rows, N)."""
+        return np.asarray(self.problem.rows.weights.friction @ np.concatenate([along(r) for r in self.problem.records]))
+
     @cached_property
-    def rows(self) -> list[Rows]:
-        """Terms, then the forces, in each record."""
-        return self.problem.rows_with([columns_along(self.forces, record) for record in self.problem.records])
+    def rows(self) -> Rows:
+        """Terms, then the forces, in all records."""
+        forces = self._in_rows(lambda record: columns_along(self.forces, record))
+        return replace(self.problem.rows, columns=np.hstack([self.problem.rows.columns, forces]))
 
     @cached_property
     def compressed(self) -> CompressedRows:
         """The rows of the fitted cycles."""
-        return CompressedRows(self.rows, self.problem, self.problem.cycles)
+        return CompressedRows(self.rows, self.problem, self.problem.is_fitted)
 
     @cached_property
     def coefficients(self) -> NDArray[np.float64]:
@@ -239,25 +232,15 @@ class FrictionFit:
         return plain if self.stroke is None else plain + self.stroke.values
 
     @cached_property
-    def residuals(self) -> list[NDArray[np.float64]]:
-        """Measured less modelled force in the rows of each record [N]."""
-        found = [each.force - each.columns @ self.coefficients for each in self.rows]
-        if self.stroke is None:
-            return found
-        triples = zip(found, self.slopes, self.stroke_forces, strict=True)
-        return [residual - slope @ self.stroke.values - force for residual, slope, force in triples]
-
-    @property
-    def stroke_forces(self) -> list[NDArray[np.float64]]:
-        """The force along the stroke in the rows of each record [N]; 0 if none is fitted."""
-        sizes = [rows.force.size for rows in self.rows]
-        every = np.zeros(sum(sizes)) if self.stroke is None else self.stroke.force
-        return np.split(every, np.cumsum(sizes)[:-1])
+    def residuals(self) -> NDArray[np.float64]:
+        """Measured less modelled force in the rows [N], shape (rows,)."""
+        found = self.rows.force - self.rows.columns @ self.coefficients
+        return found if self.stroke is None else found - self.slopes @ self.stroke.values - self.stroke.force
 
     @property
     def fitted_residuals(self) -> NDArray[np.float64]:
-        """Those of the fitted cycles of all records [N]."""
-        return np.concatenate(self.problem.fitted(self.residuals))
+        """Those of the fitted cycles [N]."""
+        return self.residuals[self.problem.is_fitted]
 
     @cached_property
     def error(self) -> float:
@@ -267,8 +250,7 @@ class FrictionFit:
     @cached_property
     def held_out_error(self) -> float:
         """The same over the cycles that are held out; NaN if there are none."""
-        pairs = zip(self.residuals, self.rows, strict=True)
-        return _root_mean_square(np.concatenate([r[np.isin(rows.cycle, self.problem.held_out)] for r, rows in pairs]))
+        return _root_mean_square(self.residuals[~self.problem.is_fitted])
 
     @property
     def worst_error(self) -> float:
@@ -276,14 +258,14 @@ class FrictionFit:
         return float(np.nanmax([self.error, self.held_out_error]))
 
     @cached_property
-    def slopes(self) -> list[NDArray[np.float64]]:
-        """Derivatives of the modelled force by the shape, then by the coefficients, in the rows of each record."""
-        by_shape = []
-        for record in self.problem.records:
+    def slopes(self) -> NDArray[np.float64]:
+        """Derivatives of the modelled force by the shape, then by the coefficients, shape (rows, q + p)."""
+
+        def by_shape(record: FrictionRecord) -> NDArray[np.float64]:
             slopes = self.forces.slopes(partial(columns_along, record=record), self.sizes, DIFFERENCE)
-            by_shape.append(np.array(slopes).reshape(-1, record.displacement.size).T)
-        pairs = zip(self.problem.forces_in_rows(by_shape), self.rows, strict=True)
-        return [np.hstack([each, rows.columns]) for each, rows in pairs]
+            return np.array(slopes).reshape(-1, record.displacement.size).T
+
+        return np.hstack([self._in_rows(by_shape), self.rows.columns])
 
     @cached_property
     def prior(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -300,7 +282,7 @@ class FrictionFit:
     @cached_property
     def jacobian(self) -> NDArray[np.float64]:
         """Derivatives of the forces in these rows by shape and coefficients, shape (rows + k, q + p)."""
-        return np.concatenate([*self.problem.fitted(self.slopes), self.prior[0]])
+        return np.concatenate([self.slopes[self.problem.is_fitted], self.prior[0]])
 
     @property
     def projected_slopes(self) -> NDArray[np.float64]:
@@ -381,7 +363,9 @@ class FrictionFit:
     @property
     def variance(self) -> float:
         """Variance of a row [N²] if the rows were independent: with the residual's correlation, and model errors."""
-        residuals = [] if self.problem.observation.is_independent else self.problem.fitted(self.residuals)
+        place = self.problem.rows.record[self.problem.is_fitted]
+        residuals = [self.fitted_residuals[place == k] for k in np.unique(place)]
+        residuals = [] if self.problem.observation.is_independent else residuals
         count = self.point.size + (0.0 if self.stroke is None else self.stroke.waves * self.problem.rows_per_noise)
         variance = max(long_run_variance(residuals, count), self.white_variance)
         # A model error does not average out: as much of it may be in the parameters as in the residuals, so that the
@@ -421,11 +405,8 @@ class FrictionFit:
         waves, best = stroke_waves(self.problem.records, self.rows), self
         for _ in range(MAX_ITERATIONS):
             prior, deviation = best.prior
-            every, residual = (
-                np.pad(waves, ((0, len(prior)), (0, 0))),
-                np.concatenate(replace(best, stroke=None).residuals),
-            )
-            slopes, force = np.concatenate([*best.slopes, prior]), np.append(residual, deviation)
+            every, residual = np.pad(waves, ((0, len(prior)), (0, 0))), replace(best, stroke=None).residuals
+            slopes, force = np.concatenate([best.slopes, prior]), np.append(residual, deviation)
             found = regress(slopes, every, force, 1 / self.problem.rows_per_noise)
             beside = replace(best, stroke=found._replace(force=found.force[: residual.size]))
             std = float(np.sqrt(beside.variance))
@@ -565,7 +546,8 @@ def _choose_set(sets: Sequence[NDArray[np.bool_]], grid: FrictionFit, elements: 
     if elements:
         sizes = [int(kept.sum()) - len(problem.terms) for kept in sets]
         return next((kept for kept, size in zip(sets, sizes, strict=True) if size <= elements), sets[-1])
-    held_out = CompressedRows(grid.rows, problem, problem.held_out if problem.held_out.size else problem.cycles)
+    is_judge = problem.is_fitted if problem.is_fitted.all() else ~problem.is_fitted
+    held_out = CompressedRows(grid.rows, problem, is_judge)
     errors = np.array([held_out.mean_square(grid.compressed.solve(kept)) for kept in sets])
     return sets[int(np.flatnonzero(errors <= errors.min() * EQUAL_ERROR**2)[-1])]
 

@@ -80,8 +80,7 @@ def _findings(fit: FrictionFit) -> Iterator[Finding | str]:
 
 def _is_curved(fit: FrictionFit) -> bool:
     """Return whether a force v |v| explains a significant part of what the terms leave, and changes D_v by it."""
-    residual, slopes = np.concatenate(fit.residuals), np.concatenate(fit.slopes)
-    velocity = np.concatenate([rows.velocity for rows in fit.rows])
+    residual, slopes, velocity = fit.residuals, fit.slopes, fit.rows.velocity
     basis, _ = np.linalg.qr(slopes)
     own = velocity * np.abs(velocity)
     own = own - basis @ (basis.T @ own)
@@ -142,7 +141,7 @@ def _metrics(fit: FrictionFit) -> Iterator[Metric]:
     if np.isfinite(fit.held_out_error):
         yield Metric("rms error, held-out cycles", fit.held_out_error, "N")
         yield Metric("rms error, held-out cycles, over the Coulomb force", fit.held_out_error / fit.coulomb_force, "1")
-    yield Metric(fit.problem.observation.rows_name, float(sum(rows.force.size for rows in fit.rows)), "1")
+    yield Metric(fit.problem.observation.rows_name, float(fit.rows.force.size), "1")
 
 
 def _with_interval(title: str, unit: str, value: float, half_width: float) -> Iterator[Metric]:
@@ -150,29 +149,19 @@ def _with_interval(title: str, unit: str, value: float, half_width: float) -> It
     yield Metric(f"{title}, 95 %", half_width, unit)
 
 
-def _inertia(fit: FrictionFit, columns: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the force that accelerates the mass in rows with these columns [N], shape (rows,)."""
-    terms = fit.problem.terms
-    return fit.term("mass") * columns[:, terms.index("mass")] if "mass" in terms else np.zeros(len(columns))
-
-
 def _curves(fit: FrictionFit) -> Iterator[Curve]:
     """Yield the virgin curve of elements, force over velocity of sliding, or measured force and model over time."""
+    rows, terms, residual = fit.rows, fit.problem.terms, fit.residuals
     if fit.problem.is_sliding:
-        triples = [
-            (rows.velocity, rows.force - _inertia(fit, rows.columns), r)
-            for rows, r in zip(fit.rows, fit.residuals, strict=True)
-        ]
-        velocity, force, residual = (np.concatenate(each) for each in zip(*triples, strict=True))
-        along = np.concatenate(fit.stroke_forces)
-        yield force_over_velocity(velocity, force - along, force - along - residual)
+        inertia = fit.term("mass") * rows.columns[:, terms.index("mass")] if "mass" in terms else 0.0
+        force = rows.force - inertia - (fit.stroke.force if fit.stroke else 0.0)
+        yield force_over_velocity(rows.velocity, force, force - residual)
         return
     if isinstance(fit.model, ElementModel):
         yield virgin_curve(*_virgin_curve(fit))
-    rows, residual = next(pair for pair in zip(fit.rows, fit.residuals, strict=True) if pair[1].size)
-    time = rows.time - rows.time[0]
-    table = np.stack([time, rows.force, rows.force - residual])[:, :MAX_CURVE_SAMPLES]
-    columns = dict(zip(("time", "force", "model"), table, strict=True))
+    first = np.flatnonzero(rows.record == rows.record[0])[:MAX_CURVE_SAMPLES]
+    time, force = rows.time[first] - rows.time[first[0]], rows.force[first]
+    columns = {"time": time, "force": force, "model": force - residual[first]}
     yield Curve("friction force", columns, {"time": "s", "force": "N", "model": "N"})
 
 

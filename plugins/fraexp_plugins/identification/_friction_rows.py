@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import comb
 from statistics import NormalDist
@@ -159,6 +159,13 @@ class RowWeights(NamedTuple):
     acceleration: Any
     """Of the displacement [1/s²]: the acceleration that the measured force has to explain."""
 
+    @classmethod
+    def of_records(cls, parts: Sequence["RowWeights"]) -> "RowWeights":
+        """Return the weights of the samples of several records, one after the other."""
+        from scipy.sparse import block_diag  # slow to import: only when something is estimated
+
+        return cls(*(block_diag(each, format="csr") for each in zip(*parts, strict=True)))
+
     def select(self, chosen: NDArray[np.bool_]) -> "RowWeights":
         """Return the weights of some rows."""
         return RowWeights(*(each[chosen] for each in self))
@@ -172,10 +179,10 @@ class RowWeights(NamedTuple):
             np.hypot(white_noise(record.force) * by_force, mass * white_noise(record.displacement) * by_motion)
         )
 
-    def rows_per_noise(self) -> NDArray[np.float64]:
-        """Return over how many rows white noise of the force is correlated, shape (rows,)."""
+    def rows_per_noise(self) -> float:
+        """Return over how many rows white noise of the force is correlated."""
         products = self.force @ self.force.T
-        return np.asarray(products.sum(axis=1)).ravel() / products.diagonal()
+        return float(np.median(np.asarray(products.sum(axis=1)).ravel() / products.diagonal()))
 
 
 class Observation(ABC):
@@ -315,7 +322,7 @@ def white_noise(values: NDArray[np.float64]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows of a regression that a record gives: columns, left-hand side, and their place in the record."""
+    """Rows of a regression that records give: columns, left-hand side, and their place in the records."""
 
     columns: NDArray[np.float64]
     """Shape (rows, p): those of either sign first, then forces that are not negative."""
@@ -327,13 +334,10 @@ class Rows:
     """Shape (rows,)."""
     time: NDArray[np.float64]
     """Time of the middle of each row [s], shape (rows,)."""
+    record: NDArray[np.int64]
+    """Place of the record of each row, shape (rows,)."""
     weights: RowWeights
-    """Weights of the record's samples."""
-
-    def select(self, chosen: NDArray[np.bool_]) -> "Rows":
-        """Return some of the rows."""
-        found = {each.name: getattr(self, each.name)[chosen] for each in fields(self) if each.name != "weights"}
-        return replace(self, **found, weights=self.weights.select(chosen))
+    """Weights of the samples of all records, one after the other."""
 
 
 TERM_UNITS = {"mass": "kg", "viscous": "N s/m", "offset": "N", "asymmetry": "N s/m", "dead_time": "s"}
@@ -364,8 +368,6 @@ class FrictionProblem:
     """Quantisation step of the encoder [m]; 0 if it is ideal."""
     held_out: NDArray[np.int64]
     """Numbers of the cycles that are held out."""
-    cycles: NDArray[np.int64]
-    """Numbers of the cycles that are fitted."""
     findings: tuple[Finding | str, ...] = ()
     speed: float | None = None
     """The speed of all sliding [m/s] if there is only one."""
@@ -375,53 +377,52 @@ class FrictionProblem:
     """Standard deviation of a row [N], to which what is known before of a dead time is compared."""
 
     @cached_property
-    def rows(self) -> list[Rows]:
-        """Rows of each record, with the terms as columns."""
-        found = [self._rows(*pair) for pair in zip(self.records, self.known, strict=True)]
-        count = sum(each.force.size for each in found)
-        if count < self.observation.min_rows:
-            spans: tuple[Quantity | str, ...] = ("the machine slides",)
-            if self.thresholds.size:
-                largest = Quantity(float(self.thresholds.max()), "m")
-                spans = ("the motion spans twice the largest threshold, ", largest, ",")
-            found_rows = f" in {count} {self.observation.rows_name}; expected {self.observation.min_rows} or more: "
-            raise RecordError(*spans, found_rows, "record more cycles with gross sliding")
-        return found
-
-    def _rows(self, record: FrictionRecord, known: NDArray[np.bool_]) -> Rows:
-        weights, v = self.observation.weights(record), record.velocity
-        plain = weights.friction @ np.column_stack([np.ones_like(v), np.abs(v), v, ~known])
-        columns = dict(zip(("offset", "asymmetry", "viscous", "unknown"), plain.T, strict=True))
-        columns["mass"] = weights.acceleration @ record.displacement
-        columns["dead_time"] = weights.force @ np.gradient(record.force, record.sample_time)
+    def rows(self) -> Rows:
+        """Rows of all records, with the terms as columns; RecordError for too few."""
+        weights = RowWeights.of_records([self.observation.weights(record) for record in self.records])
+        unknown = weights.friction @ (~np.concatenate(self.known)).astype(float)
+        weights = weights.select(unknown < MAX_UNKNOWN_WEIGHT)
+        self._check_count(weights.friction.shape[0])
+        y, force, v, cycle = (
+            np.concatenate([getattr(record, name) for record in self.records])
+            for name in ("displacement", "force", "velocity", "cycle")
+        )
+        slopes = np.concatenate([np.gradient(record.force, record.sample_time) for record in self.records])
+        columns = {name: weights.friction @ each for name, each in (("asymmetry", np.abs(v)), ("viscous", v))}
+        columns |= {"mass": weights.acceleration @ y, "dead_time": weights.force @ slopes}
+        columns["offset"] = np.ones(weights.friction.shape[0])
+        first = np.cumsum([0, *(record.force.size for record in self.records)])
         samples = np.rint(weights.friction @ np.arange(v.size)).astype(np.int64)
-        every = Rows(
-            columns=np.array([columns[term] for term in self.terms]).reshape(-1, samples.size).T,
-            force=weights.force @ record.force - (self.viscous or 0.0) * columns["viscous"],
+        place = np.searchsorted(first, samples, side="right") - 1
+        return Rows(
+            columns=np.column_stack([columns[term] for term in self.terms]),
+            force=weights.force @ force - (self.viscous or 0.0) * columns["viscous"],
             velocity=columns["viscous"],
-            cycle=record.cycle[samples],
-            time=record.sample_time * samples,
+            cycle=cycle[samples],
+            time=np.array([record.sample_time for record in self.records])[place] * (samples - first[place]),
+            record=place,
             weights=weights,
         )
-        return every.select(columns["unknown"] < MAX_UNKNOWN_WEIGHT)
 
-    def forces_in_rows(self, forces: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
-        """Return forces at the samples of each record, shape (n, N), in its rows, shape (rows, N)."""
-        return [rows.weights.friction @ each for rows, each in zip(self.rows, forces, strict=True)]
+    def _check_count(self, count: int) -> None:
+        if count >= self.observation.min_rows:
+            return
+        spans: tuple[Quantity | str, ...] = ("the machine slides",)
+        if self.thresholds.size:
+            largest = Quantity(float(self.thresholds.max()), "m")
+            spans = ("the motion spans twice the largest threshold, ", largest, ",")
+        found_rows = f" in {count} {self.observation.rows_name}; expected {self.observation.min_rows} or more: "
+        raise RecordError(*spans, found_rows, "record more cycles with gross sliding")
 
-    def rows_with(self, forces: Sequence[NDArray[np.float64]]) -> list[Rows]:
-        """Return the rows with further columns, of forces at the samples of each record, shape (n, N)."""
-        pairs = zip(self.rows, self.forces_in_rows(forces), strict=True)
-        return [replace(rows, columns=np.hstack([rows.columns, each])) for rows, each in pairs]
+    @cached_property
+    def is_fitted(self) -> NDArray[np.bool_]:
+        """Whether each row belongs to a cycle that is fitted, shape (rows,)."""
+        return ~np.isin(self.rows.cycle, self.held_out)
 
     @property
     def signed(self) -> int:
         """Number of terms of either sign."""
         return sum(term in SIGNED_TERMS for term in self.terms)
-
-    def fitted(self, parts: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
-        """Return what belongs to the cycles that are fitted, of each record."""
-        return [part[np.isin(rows.cycle, self.cycles)] for part, rows in zip(parts, self.rows, strict=True)]
 
     def prior_rows(self, columns: int) -> NDArray[np.float64]:
         """Return what is known before as rows of columns and left-hand side, shape (k, columns + 1).
@@ -444,13 +445,13 @@ class FrictionProblem:
 
     def noise(self, mass: float) -> float:
         """Return the error of a row [N] by noise of the channels."""
-        pairs = zip(self.rows, self.records, strict=True)
-        return max(rows.weights.noise(record, max(mass, 0.0)) for rows, record in pairs)
+        weights, place = self.rows.weights, self.rows.record
+        return max(weights.select(place == k).noise(r, max(mass, 0.0)) for k, r in enumerate(self.records))
 
     @cached_property
     def rows_per_noise(self) -> float:
         """Rows over which white noise is correlated."""
-        return float(np.median(np.concatenate([rows.weights.rows_per_noise() for rows in self.rows])))
+        return self.rows.weights.rows_per_noise()
 
     @property
     def standstill_time(self) -> float:

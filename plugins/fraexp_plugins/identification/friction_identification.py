@@ -232,7 +232,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
 
     def _check_directions(self, problem: FrictionProblem) -> None:
         """Raise RecordError unless the machine slides in both directions."""
-        velocity = np.concatenate([rows.velocity for rows in problem.rows])
+        velocity = problem.rows.velocity
         least = problem.observation.min_rows // 2
         count = min(int(np.sum(velocity > 0)), int(np.sum(velocity < 0)))
         if count < least:
@@ -326,7 +326,6 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
             viscous=self.viscous_coefficient,
             resolution=self.resolution or quantisation_step(records),
             held_out=held_out,
-            cycles=np.setdiff1d(cycles, held_out),
             findings=tuple(remarks),
             speed=speed,
             is_sliding=self._is_sliding,
@@ -494,14 +493,14 @@ def _travel_since_reversal(displacement: NDArray[np.float64], velocity: NDArray[
     return np.abs(displacement - displacement[last])
 
 
-def disturbed_start(found: Sequence[Rows], duration: float) -> tuple[float, list[str]]:
+def disturbed_start(rows: Rows, duration: float) -> tuple[float, list[str]]:
     """Return the beginning of the records [s] that the model of the rest does not explain, and a remark; 0 if none.
 
     After a jump of the reference, a transient of the drive or of a mode, the beginning differs from the rest. One part
     more is left out than differs clearly, because such a transient decays.
     """
     limits = duration * np.array(START_FRACTIONS)
-    columns, force, time = (np.concatenate([getattr(f, name) for f in found]) for name in ("columns", "force", "time"))
+    columns, force, time = rows.columns, rows.force, rows.time
     rest = time >= limits[-1]
     if rest.sum() < MIN_REST_ROWS:
         return 0.0, []
