@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from types import ModuleType
+from typing import Any
 
 from fraexp.errors import StudyError
 from fraexp.execution.executors.limits import ResourceLimits, size_text
@@ -26,7 +27,7 @@ from fraexp.execution.job import Job
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 """Variables that are 1 in workers: several processes compute in parallel, and sums keep their order."""
 HAS_FORK_SERVER = "forkserver" in multiprocessing.get_all_start_methods()
-CONTEXT = multiprocessing.get_context("forkserver" if HAS_FORK_SERVER else "spawn")
+CONTEXT: Any = multiprocessing.get_context("forkserver" if HAS_FORK_SERVER else "spawn")
 """Start method: a fork of this process would inherit its connection to the database. A fork server has none; it loads
 what workers need once, in a second of processor time, and each of them is there at once."""
 if HAS_FORK_SERVER:

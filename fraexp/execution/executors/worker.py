@@ -107,7 +107,7 @@ def _end_when_parent_ends() -> None:
         return
     threading.Thread(target=_exit_when_ended, args=(parent,), daemon=True).start()
     if sys.platform == "linux":
-        os.close(forkserver._forkserver._forkserver_alive_fd)
+        os.close(forkserver._forkserver._forkserver_alive_fd)  # type: ignore[attr-defined]
         set_parent_death_signal = 1  # PR_SET_PDEATHSIG of prctl(2)
         ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGKILL)
         if not parent.is_alive():
