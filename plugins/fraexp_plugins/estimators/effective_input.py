@@ -221,11 +221,13 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=12):
         return self._resolved(signals) if signals.segments and not signals.are_stated else self
 
     def _resolved(self, signals: Signals) -> Self:
-        """Return the estimator with the points per sample that the contact needs that needs most."""
-        if self.oversampling or not self.frictions:
+        """Return the estimator with the points per sample that the contact needs that needs most, in each segment."""
+        if self.oversampling or self._points or not self.frictions:
             return self.resolve_oversampling(signals.segments)
-        needed = [contact.observer.oversampling for contact in self._contact_forces(signals).contacts]
-        return self._oversampled(max(needed, default=1))
+        needed: dict[float, int] = {}
+        for contact in self._contact_forces(signals).contacts:
+            needed |= {of: max(points, needed.get(of, 1)) for of, points in contact.observer._points.items()}
+        return self._with_points(needed)
 
     def _contact_forces(self, signals: Signals, factors: Mapping[str, float] | None = None) -> ContactForces:
         """Return the displacement of each contact that has friction, and the force of its friction model.

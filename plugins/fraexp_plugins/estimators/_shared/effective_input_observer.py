@@ -5,10 +5,11 @@ from abc import ABC
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import PrivateAttr
 
 from fraexp.api import (
     Encoder,
@@ -40,6 +41,16 @@ TOLERANCE_RATIO = 10.0
 """Tolerated error of y'/û_e over that of y'/u: the effective input is a small difference."""
 FREQUENCIES_PER_BLOCK = 8192
 """Frequencies at which the aliasing images are summed at once: a hundred numbers each."""
+
+
+class _TriedForce(NamedTuple):
+    """The friction model's force along a segment, which was found while the points per sample were chosen."""
+
+    segment: Segment
+    driving: tuple[object, ...]
+    """All on which it depends."""
+    force: NDArray[np.float64]
+    """[N], shape (periods, samples × points)."""
 
 
 class ObserverEstimator(DelayedEstimator, ABC):
@@ -85,6 +96,11 @@ class ObserverEstimator(DelayedEstimator, ABC):
                     f"expected {expected:g}: change the model's own parameters, or state deviations of those"
                 )
 
+    _points: dict[float, int] = PrivateAttr(default_factory=dict)
+    """Points per sample that were chosen for segments, by their first frequency [Hz]."""
+    _tried: dict[int, _TriedForce] = PrivateAttr(default_factory=dict)
+    """The forces with them, by the identity of the segment."""
+
     @property
     def law(self) -> FrictionModel:
         """Friction model of the one contact; ParameterError if there is none."""
@@ -110,8 +126,8 @@ class ObserverEstimator(DelayedEstimator, ABC):
 
         `forces` are those of `_forces`, if they are known.
         """
-        if not (self.oversampling and segments):
-            return self.resolve_oversampling(segments).effective_phasors(segments) if segments else []
+        if segments and not (self.oversampling or self._points):
+            return self.resolve_oversampling(segments).effective_phasors(segments)
         friction = self._friction_phasors(segments, forces)
         return [linear - force for linear, force in zip(self.linear_phasors(segments), friction, strict=True)]
 
@@ -134,30 +150,46 @@ class ObserverEstimator(DelayedEstimator, ABC):
         return [delayed * phasors(segment, self.input) for segment, delayed in zip(segments, path, strict=True)]
 
     def resolve_oversampling(self, segments: Sequence[Segment]) -> Self:
-        """Return the estimator with the points per sample that its friction model needs along these segments.
+        """Return the estimator with the points per sample that its friction model needs along each of these segments.
 
-        How many that are follows from the widths of the friction model's elements and from the motion, and is tried on
-        a few segments: until twice as many change the effective input by less than the tolerance.
+        How many that are follows from the widths of the friction model's elements and from the motion, and is tried:
+        until twice as many change the effective input by less than the tolerance.
         """
-        if self.oversampling:
+        if self.oversampling or self._points:
             return self
         waiting, points = _examined(segments), LEAST_POINTS
+        chosen, tried = dict[float, int](), dict[int, _TriedForce]()
         tolerance = TOLERANCE_RATIO * self.interpolation_tolerance
         coarse = self._oversampled(points // 2)._friction_phasors(waiting)
-        while points < MOST_POINTS:
-            fine = self._oversampled(points)._friction_phasors(waiting)
+        while True:
+            chosen |= {float(segment.frequency[0]): points for segment in waiting}
+            if points == MOST_POINTS or not waiting:
+                break
+            finer = self._oversampled(points)
+            forces = finer._forces(waiting)
+            fine = finer._friction_phasors(waiting, forces)
             given = zip(self.linear_phasors(waiting), coarse, fine, strict=True)
             is_coarse = [_relative_change(*each) > tolerance for each in given]
-            if not any(is_coarse):
-                break
+            found = (_TriedForce(of, finer._driving(of), force) for of, force in zip(waiting, forces, strict=True))
+            tried |= {id(each.segment): each for each in found}
             waiting, coarse = list(itertools.compress(waiting, is_coarse)), list(itertools.compress(fine, is_coarse))
             points *= 2
-        return self._oversampled(points)
+        return self._with_points(chosen, tried)
 
     def resolve_for(self, signals: Signals) -> Self:
         """Return the estimator with the points per sample that it takes: its certificate is that of the same points."""
         is_sampled = signals.segments and not signals.are_stated
         return self.resolve_oversampling(signals.segments) if is_sampled else self
+
+    def points(self, segment: Segment) -> int:
+        """Return the points per sample at which the motion in a segment drives the friction model."""
+        return self.oversampling or self._points.get(float(segment.frequency[0]), max(self._points.values()))
+
+    def _with_points(self, points: Mapping[float, int], tried: Mapping[int, _TriedForce] | None = None) -> Self:
+        """Return the same estimator with the points per sample of segments, by their first frequency [Hz]."""
+        chosen = self.model_copy()
+        chosen._points, chosen._tried = dict(points), dict(tried or {})
+        return chosen
 
     def _oversampled(self, points: int) -> Self:
         """Return the same estimator with a number of points per sample."""
@@ -174,7 +206,7 @@ class ObserverEstimator(DelayedEstimator, ABC):
         `force` is that of `_forces`.
         """
         omega = 2 * np.pi * np.fft.rfftfreq(segment.channels[self.output].size, segment.sample_time)
-        friction = np.fft.rfft(force.ravel())[: omega.size] * (self.force_scale / self.oversampling)
+        friction = np.fft.rfft(force.ravel())[: omega.size] * (self.force_scale / self.points(segment))
         if self.output_time_constants:
             friction = friction * path_response(omega, 0.0, self.output_time_constants)
         return friction + 1j * omega * self.law.viscous * record_spectrum(segment, self.output)
@@ -209,18 +241,33 @@ class ObserverEstimator(DelayedEstimator, ABC):
         return segment.lead_in[self.output] / self.displacement_scale
 
     def _forces(self, segments: Sequence[Segment]) -> list[NDArray[np.float64]]:
-        """Return the friction model's force [N] along each segment, each of shape (periods, samples × oversampling).
+        """Return the friction model's force [N] along each segment, each of shape (periods, samples × points).
 
         The mean over the periods is the force along the whole record, in which noise hides the fewest terms. Removing
         those terms makes its periods alike, so their scatter is taken from the forces along each single period: a
         covariance then includes the noise that acts through friction, which is most of it if friction is most of the
         input.
         """
+        found = [self._kept_force(segment) for segment in segments]
+        missing = [segment for segment, force in zip(segments, found, strict=True) if force is None]
+        computed = iter(self._computed_forces(missing))
+        return [next(computed) if force is None else force for force in found]
+
+    def _kept_force(self, segment: Segment) -> NDArray[np.float64] | None:
+        kept = self._tried.get(id(segment))
+        return kept.force if kept and kept.segment is segment and kept.driving == self._driving(segment) else None
+
+    def _driving(self, segment: Segment) -> tuple[object, ...]:
+        """Return all on which the friction model's force along a segment depends."""
+        lags, points = self.output_time_constants, self.points(segment)
+        return id(self.law), self.displacement_scale, self.noise, self.resolution, self.output, lags, points
+
+    def _computed_forces(self, segments: Sequence[Segment]) -> list[NDArray[np.float64]]:
         whole = [self.motion(segment) for segment in segments]
         alone = [self._motions_of_periods(*pair) for pair in zip(segments, whole, strict=True)]
         forces, found = iter(self.law.forces([*whole, *itertools.chain(*alone)])), []
         for segment in segments:
-            found.append(next(forces).reshape(-1, segment.samples * self.oversampling))
+            found.append(next(forces).reshape(-1, segment.samples * self.points(segment)))
         for number, own in enumerate(alone):
             if own:
                 single = np.stack([next(forces) for _ in own])
@@ -236,22 +283,21 @@ class ObserverEstimator(DelayedEstimator, ABC):
         kept = self._bins(segment)[:: len(y)] != 0
         bins = np.where(kept, np.fft.rfft(y, axis=1), 0)
         unlagged = [self._without_output_lags(row, y.shape[1], segment.sample_time) for row in bins]
-        motions = [resample(row, y.shape[1], self.oversampling) for row in unlagged]
+        motions = [resample(row, y.shape[1], self.points(segment)) for row in unlagged]
         return [whole._replace(displacement=motion / self.displacement_scale) for motion in motions]
 
     def motion(self, segment: Segment) -> Motion:
         """Return the motion that drives the friction model: all periods of a segment, after its lead-in."""
         repeats = not is_from_rest(segment)
         fine = self._fine_displacement(segment) if repeats else self._fine_displacement_from_rest(segment)
-        time_step = segment.sample_time / self.oversampling
+        time_step = segment.sample_time / self.points(segment)
         return Motion(fine / self.displacement_scale, time_step, repeats, self.lead_in(segment), segment.sample_time)
 
     def _fine_displacement(self, segment: Segment) -> NDArray[np.float64]:
-        """Return all periods of a record, one after another, at `oversampling` times as many points."""
+        """Return all periods of a record, one after another, at several points per sample."""
         size = segment.channels[self.output].size
-        return resample(
-            self._without_output_lags(self._bins(segment), size, segment.sample_time), size, self.oversampling
-        )
+        bins = self._without_output_lags(self._bins(segment), size, segment.sample_time)
+        return resample(bins, size, self.points(segment))
 
     def _bins(self, segment: Segment) -> NDArray[np.complex128]:
         """Return the Fourier series of a record without the terms below the encoder's resolution and noise."""
@@ -283,8 +329,8 @@ class ObserverEstimator(DelayedEstimator, ABC):
         scatter = self.noise**2 + self.resolution**2 / 12
         bins = _significant_terms(np.fft.rfft(mirrored), scatter * mirrored.size)
         bins = self._without_output_lags(bins, mirrored.size, segment.sample_time)
-        fine = resample(bins, mirrored.size, self.oversampling)
-        return fine[: record.size * self.oversampling]
+        points = self.points(segment)
+        return resample(bins, mirrored.size, points)[: record.size * points]
 
     def _without_output_lags(
         self, bins: NDArray[np.complex128], size: int, sample_time: float
@@ -296,12 +342,9 @@ class ObserverEstimator(DelayedEstimator, ABC):
         return bins / path_response(omega, 0.0, self.output_time_constants)
 
 
-def _examined(segments: Sequence[Segment]) -> list[Segment]:
+def _examined(segments: Sequence[Segment]) -> Sequence[Segment]:
     """Return the segments that are tried: one of several realisations, which are alike."""
-    if any(segment.lines.size > 1 for segment in segments):
-        return list(segments[:1])
-    last = len(segments) - 1
-    return [segments[number] for number in sorted({0, last // 2, last})]
+    return segments[:1] if any(segment.lines.size > 1 for segment in segments) else segments
 
 
 def _relative_change(

@@ -142,7 +142,7 @@ def motions_of(
 
     A single one is as exact as the observer's own, or finer. Several are there to be compared with each other.
     """
-    points, before = int(np.ceil(finer * observer.oversampling * duration / segment.sample_time)), np.empty(0)
+    points, before = int(np.ceil(finer * observer.points(segment) * duration / segment.sample_time)), np.empty(0)
     if len(terms) > 1:
         points = min(points, max(MAX_POINTS, 2 * terms.shape[1]))
     else:

@@ -125,12 +125,12 @@ def _hidden_force(
     y, sample_time = segment.channels[observer.output].ravel(), segment.sample_time
     force = observer.force_scale * force
     viscous = observer.law.viscous * (np.roll(y, -1) - y) / sample_time
-    effective = _thrust(observer, segment) - _interval_means(force, observer.oversampling) - viscous
+    effective = _thrust(observer, segment) - _interval_means(force, observer.points(segment)) - viscous
     stands = _standing(y, doubt.stop)
     standing = np.where(stands, np.clip(-effective, -doubt.change, doubt.change), 0.0)
     omega = 2 * np.pi * np.fft.rfftfreq(y.size, sample_time)
-    advance = np.exp(0.5j * omega * sample_time / observer.oversampling) - 1
-    turning = doubt.share * advance * np.fft.rfft(force)[: omega.size] / observer.oversampling
+    advance = np.exp(0.5j * omega * sample_time / observer.points(segment)) - 1
+    turning = doubt.share * advance * np.fft.rfft(force)[: omega.size] / observer.points(segment)
     return HiddenForce(
         hold_response(omega, sample_time) * np.fft.rfft(standing) - turning, float(stands.mean()), doubt.change
     )
