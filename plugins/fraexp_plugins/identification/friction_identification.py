@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import ClassVar, TypeVar
 
 import numpy as np
@@ -201,7 +202,8 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         records = tuple(friction_records(signals, self.displacement, self.thrust or self.force))
         if not any(np.ptp(record.force) for record in records):
             raise RecordError(f"'{self.thrust or self.force}' does not vary; expected the friction force")
-        fits = self._sliding_fits(signals, records) if self._is_sliding else self._presliding_fits(signals, records)
+        problem = (self._sliding_problem if self._is_sliding else self._presliding_problem)(signals, records)
+        fits = _each_fit((*self._laws, *self.starts), partial(self._fit, problem))
         least = min(fit.worst_error for fit in fits)
         equal = [fit for fit in fits if fit.worst_error <= EQUAL_ERROR * least]
         best = min(equal, key=lambda fit: len(fit.numbers))
@@ -209,26 +211,20 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         chosen = Finding("remark", errors, place=best.model.name, text="predicts the held-out cycles best")
         return report(signals, best, chosen if len(self._laws) + len(self.starts) > 1 else None)
 
-    def _sliding_fits(self, signals: Signals, records: tuple[FrictionRecord, ...]) -> list[FrictionFit]:
-        """Return the fits of laws that say nothing of a standstill, to the rows in which the machine slides."""
+    def _sliding_problem(self, signals: Signals, records: tuple[FrictionRecord, ...]) -> FrictionProblem:
+        """Return the problem of laws that say nothing of a standstill: the rows in which the machine slides."""
         known = slides(records, self.presliding_distance)
-        speeds = np.concatenate([np.abs(r.velocity)[slide] for r, slide in zip(records, known, strict=True)])
-        problem = self._problem(signals, records, speeds, tuple(known), np.empty(0))
+        problem = self._problem(signals, records, known, known, np.empty(0))
         if isinstance(problem.observation, ThrustAndMotion):
             plain = FrictionFit(problem, WholeLaw.of(Coulomb(coulomb_force=1.0)))
             duration = min(record.displacement.size * record.sample_time for record in records)
             skipped, remarks = disturbed_start(plain.rows, duration)
             late = [np.arange(slide.size) * records[0].sample_time >= skipped for slide in known]
-            known = [slide & is_late for slide, is_late in zip(known, late, strict=True)]
-            problem = replace(problem, known=tuple(known), findings=(*problem.findings, *remarks))
+            known = tuple(slide & is_late for slide, is_late in zip(known, late, strict=True))
+            problem = replace(problem, known=known, findings=(*problem.findings, *remarks))
             problem = with_dead_time(problem, plain.forces)
         self._check_directions(problem)
-        slow = _speed_quantile(speeds, 0.1)
-        models = [*(_unit_model(law, slow) for law in self._laws), *self.starts]
-        fits = _each_fit(models, lambda model: _checked_signs(fit_law(problem, model, self.max_iterations)))
-        if isinstance(problem.observation, ThrustAndMotion):
-            fits = [fit.beside_stroke_force() if fit.has_model_error else fit for fit in fits]
-        return fits
+        return problem
 
     def _check_directions(self, problem: FrictionProblem) -> None:
         """Raise RecordError unless the machine slides in both directions."""
@@ -241,8 +237,8 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
                 "more in both: record longer moves back and forth, or raise max_frequency"
             )
 
-    def _presliding_fits(self, signals: Signals, records: tuple[FrictionRecord, ...]) -> list[FrictionFit]:
-        """Return the fits of laws with presliding, to all rows in which their state is known."""
+    def _presliding_problem(self, signals: Signals, records: tuple[FrictionRecord, ...]) -> FrictionProblem:
+        """Return the problem of laws with presliding: all rows in which their state is known."""
         is_whole = not all(issubclass(law, ElementModel) for law in (*self._laws, *map(type, self.starts)))
         problem, remarks = self._grid_problem(signals, records, MAX_SEARCH_SPAN), list[Finding | str]()
         if is_whole and "viscous" not in problem.terms and problem.viscous is None:
@@ -255,9 +251,19 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
             end, remarks = curve_end(problem, spring_remarks=not is_whole)
             problem = self._grid_problem(signals, records, MAX_THRESHOLD_SPAN, end)
         problem = with_dead_time(problem, rolling_elements(problem.thresholds))
-        problem = replace(problem, findings=(*problem.findings, *remarks))
-        candidates: tuple[type[FrictionModel] | FrictionModel, ...] = (*self._laws, *self.starts)
-        return _each_fit(candidates, lambda candidate: self._fit_candidate(problem, candidate))
+        return replace(problem, findings=(*problem.findings, *remarks))
+
+    def _fit(self, problem: FrictionProblem, candidate: type[FrictionModel] | FrictionModel) -> FrictionFit:
+        """Return the fit of a law, or from a model."""
+        if not self._is_sliding:
+            if isinstance(candidate, FrictionModel):
+                return self._fit_from(problem, candidate)
+            return self._fit_law(problem, candidate)
+        slow = speed_quantile(problem.rows.velocity, 0.1)
+        start = candidate if isinstance(candidate, FrictionModel) else _unit_model(candidate, slow)
+        fit = _checked_signs(fit_law(problem, start, self.max_iterations))
+        has_stroke = isinstance(problem.observation, ThrustAndMotion)
+        return fit.beside_stroke_force() if has_stroke and fit.has_model_error else fit
 
     def _fit_from(self, problem: FrictionProblem, start: FrictionModel) -> FrictionFit:
         """Return the fit of a law from a start; of elements with their thresholds, and dampers if they have any."""
@@ -274,11 +280,9 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         least = DAMPING_RATIO * springs.coulomb_force / speed / len(found.stiffness)
         return self._fit_elements(problem, found.model_copy(update={"damping": (least,) * len(found.stiffness)}))
 
-    def _fit_candidate(self, problem: FrictionProblem, candidate: type[FrictionModel] | FrictionModel) -> FrictionFit:
-        """Return the fit from a model; of a law by name that of elements on the grid, or one that begins with them."""
-        if isinstance(candidate, FrictionModel):
-            return self._fit_from(problem, candidate)
-        law, is_rolling = candidate, issubclass(candidate, ElementModel)
+    def _fit_law(self, problem: FrictionProblem, law: type[FrictionModel]) -> FrictionFit:
+        """Return the fit of elements on the grid, or of a law whose search begins with them."""
+        is_rolling = issubclass(law, ElementModel)
         is_of_elements = any("tuple" in str(info.annotation) for info in law.model_fields.values())
         count = self.elements or (LAW_ELEMENTS if is_of_elements and not is_rolling else 0)
         grid = fit_elements(problem, count, bool(self.thresholds))
@@ -286,8 +290,8 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         assert isinstance(model, Rolling)
         if is_rolling:
             return self._fit_from(problem, model) if self.back_propagation or self.fit_damping else grid
-        speeds = np.abs(np.concatenate([record.velocity for record in problem.records]))
-        slow, elements = _speed_quantile(speeds, 0.1), (np.array(model.stiffness), np.array(model.limit_force))
+        slow = speed_quantile(problem.rows.velocity, 0.1)
+        elements = np.array(model.stiffness), np.array(model.limit_force)
         models = [rough_model(law, elements, ratio * slow, self.fit_damping) for ratio in START_VELOCITY_RATIOS]
         trials = [search_shape(problem, model, min(TRIAL_STEPS, self.max_iterations))[0] for model in models]
         nearest = min(trials, key=lambda each: each.error)
@@ -308,14 +312,15 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         self,
         signals: Signals,
         records: tuple[FrictionRecord, ...],
-        speeds: NDArray[np.float64],
         known: tuple[NDArray[np.bool_], ...],
+        sliding: Sequence[NDArray[np.bool_]],
         thresholds: NDArray[np.float64],
     ) -> FrictionProblem:
-        """Return the problem of records that slide at these speeds [m/s]."""
+        """Return the problem of records in which friction is known, and the machine slides, at some samples."""
         cycles = np.unique(np.concatenate([record.cycle for record in records]))
         is_chosen = not self._is_sliding or len(self._laws) + len(self.starts) > 1
         held_out = cycles[HELD_OUT_STEP - 1 :: HELD_OUT_STEP] if is_chosen else cycles[:0]
+        speeds = np.concatenate([record.velocity[at] for record, at in zip(records, sliding, strict=True)])
         terms, speed, remarks = self._terms(speeds, bool(signals.numerics))
         return FrictionProblem(
             records=records,
@@ -352,10 +357,17 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
             thresholds = np.geomspace(narrowest, widest, GRID_SIZE)
         widest = float(thresholds.max())
         known = tuple(np.arange(record.displacement.size) >= record.first_known_sample(widest) for record in records)
-        speeds = np.concatenate([_sliding_speeds(record, widest) for record in records])
-        problem = self._problem(signals, records, speeds, known, thresholds)
-        remarks = _reversal_remarks(records, float(thresholds.min()))
-        return replace(problem, findings=(*problem.findings, *remarks))
+        elements = rolling_elements(np.array([widest]))
+        sliding = [np.abs(columns_along(elements, record)[:, 0]) >= 1 - ROUNDING for record in records]
+        problem = self._problem(signals, records, known, sliding, thresholds)
+        motions = [np.concatenate([record.before, record.displacement]) for record in records]
+        count = sum(turning_points(motion, 2 * float(thresholds.min())).size for motion in motions)
+        if count >= MIN_REVERSALS:
+            return problem
+        remark = (
+            f"the motion has {count} reversals, too few to separate friction from other forces; record several cycles"
+        )
+        return replace(problem, findings=(*problem.findings, remark))
 
     def _observation(self, sample_time: float) -> Observation:
         if self.constant_velocity:
@@ -375,7 +387,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         terms = ["offset", *(["asymmetry"] if self.fit_asymmetry else [])]
         terms += ["dead_time"] if is_delayed and self.zero_order_hold is None else []
         terms += ["mass"] if has_mass else []
-        slow, fast = _speed_quantile(speeds, 0.1), _speed_quantile(speeds, 0.9)
+        slow, fast = speed_quantile(speeds, 0.1), speed_quantile(speeds, 0.9)
         if fast > MIN_SPEED_RATIO * slow:
             return (*terms, *(["viscous"] if self.viscous_coefficient is None else [])), None, []
         if self._is_sliding:
@@ -394,7 +406,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
                 "the mass is identifiable at reversals only, and includes the delay of friction by a standstill"
             )
         remarks = [f"all sliding is at one speed, so {' and '.join(effects)}: {advice}"] if effects else []
-        return tuple(terms), fast if speeds.size else None, remarks
+        return tuple(terms), fast if speeds.any() else None, remarks
 
 
 def _unit_model(law: type[FrictionModel], speed: float = 1.0) -> FrictionModel:
@@ -435,30 +447,11 @@ def _checked_signs(fit: FrictionFit) -> FrictionFit:
     return fit
 
 
-def _sliding_speeds(record: FrictionRecord, max_threshold: float) -> NDArray[np.float64]:
-    """Return the speeds [m/s] at which all elements slip, the largest included."""
-    force = columns_along(rolling_elements(np.array([max_threshold])), record)[:, 0]
-    speeds = np.abs(record.velocity)[np.abs(force) >= 1 - ROUNDING]
-    return speeds[speeds > 0]
-
-
-def _speed_quantile(speeds: NDArray[np.float64], share: float) -> float:
+def speed_quantile(velocity: NDArray[np.float64], share: float) -> float:
     """Return the speed [m/s] below which this part of the travel takes place: dwells at the ends do not count."""
-    if not speeds.size:
-        return 1.0
-    ordered = np.sort(speeds)
+    ordered = np.sort(np.abs(velocity))
     travel = np.cumsum(ordered)
-    return float(ordered[np.searchsorted(travel, share * travel[-1])])
-
-
-def _reversal_remarks(records: Sequence[FrictionRecord], min_threshold: float) -> list[str]:
-    count = sum(
-        turning_points(np.concatenate([record.before, record.displacement]), 2 * min_threshold).size
-        for record in records
-    )
-    if count >= MIN_REVERSALS:
-        return []
-    return [f"the motion has {count} reversals, too few to separate friction from other forces; record several cycles"]
+    return float(ordered[np.searchsorted(travel, share * travel[-1])]) if ordered.any() else 1.0
 
 
 MIN_SLIDING_RATIO = 0.03
@@ -473,16 +466,16 @@ MIN_REST_ROWS = 60
 """Rows of the rest of a record of which the residual tells something."""
 
 
-def slides(records: Sequence[FrictionRecord], presliding_distance: float) -> list[NDArray[np.bool_]]:
+def slides(records: Sequence[FrictionRecord], presliding_distance: float) -> tuple[NDArray[np.bool_], ...]:
     """Return whether the machine slides at each sample, shape (n,): fast, and far from the last reversal [m]."""
     velocities = [record.velocity for record in records]
     step = quantisation_step(records) / records[0].sample_time
     fast = MIN_SLIDING_RATIO * float(np.percentile(np.abs(np.concatenate(velocities)), 95))
     least = max(fast, MIN_STEPS_PER_SAMPLE * step)
-    return [
+    return tuple(
         (np.abs(v) >= least) & (_travel_since_reversal(record.displacement, v) >= presliding_distance)
         for record, v in zip(records, velocities, strict=True)
-    ]
+    )
 
 
 def _travel_since_reversal(displacement: NDArray[np.float64], velocity: NDArray[np.float64]) -> NDArray[np.float64]:
