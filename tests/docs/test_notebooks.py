@@ -33,11 +33,13 @@ assert found["maximum likelihood, force 10 % too large"] < 0.2
 assert abs(likelihood.metrics["force_scale"] * 1.1 - 1) < 1e-3
 """,
     "monte_carlo": """
-assert set(near.groupby("estimator").size()) == {200}
+assert set(near.groupby("estimator").size()) == {24}
 assert drawn.astype(float).corr().magnitude_dB["coulomb_force"] < -0.5
 """,
 }
 """What holds at the end of each notebook."""
+FEWER = {"monte_carlo": {'\\"count\\": 200': '\\"count\\": 24', '\\"points\\": 16': '\\"points\\": 6'}}
+"""Parts of the file of a notebook that takes long, and what stands in their place."""
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +67,13 @@ def test_each_code_cell_that_shows_something_shows_it_on_its_page(name: str) -> 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", CHECKS)
 @pytest.mark.filterwarnings("ignore")  # of the messaging between the kernel and the test
-def test_a_notebook_holds_what_it_says(runner: ModuleType, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_notebook_holds_what_it_says(
+    runner: ModuleType, name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    runner.execute(NOTEBOOKS[name], CHECKS[name])
+    text = NOTEBOOKS[name].read_text("utf-8")
+    for long, short in FEWER.get(name, {}).items():
+        assert long in text
+        text = text.replace(long, short)
+    (tmp_path / "shorter.ipynb").write_text(text, "utf-8")
+    runner.execute(tmp_path / "shorter.ipynb", CHECKS[name])

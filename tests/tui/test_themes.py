@@ -1,5 +1,6 @@
 """The colours of the themes: every text can be read, and a state is known without its colour."""
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -32,6 +33,20 @@ PAGES = SCREENS | {
 """The screens that have a snapshot, and those whose content changes with each plugin."""
 TYPICAL_THEMES = ("nord", "ansi-dark")
 """A theme with opacities and contrasts, as all but ours have, and one in the colours of the terminal."""
+
+
+def themes_of_each_form() -> list[str]:
+    """Return themes in which each colour is written in each way that one has: in figures, with an opacity, by name."""
+    found, seen = list[str](), set[tuple[str, str]]()
+    for name in THEMES:
+        forms = {(of, re.sub(r"#\w+|\d+(\.\d+)?", "0", text)) for of, text in colours_of(name).items()}
+        found += [name] if forms - seen else []
+        seen |= forms
+    return found
+
+
+def colours_of(name: str) -> dict[str, str]:
+    return {**THEMES[name].to_color_system().generate(), **THEMES[name].variables}
 
 
 def luminance(text: str) -> float:
@@ -86,7 +101,7 @@ def test_no_outcome_but_the_usable_ones_looks_fine():
 
 @pytest.mark.parametrize("name", THEMES)
 def test_each_colour_of_a_theme_can_be_a_style_of_rich(name):
-    colours = {**THEMES[name].to_color_system().generate(), **THEMES[name].variables}
+    colours = colours_of(name)
     for colour in (name for name, text in colours.items() if name in TEXTS or text.startswith(("#", "auto", "ansi_"))):
         assert Style.parse(f"bold {rich_colour(colours, colour)}").color is not None
 
@@ -103,8 +118,8 @@ def test_a_typical_theme_can_draw_what_is_coloured(tmp_path):
 
 
 @pytest.mark.thorough
-def test_each_theme_can_draw_each_page(tmp_path):
-    draw_pages(tmp_path, PAGES, THEMES)
+def test_each_form_of_theme_can_draw_each_page(tmp_path):
+    draw_pages(tmp_path, PAGES, themes_of_each_form())
 
 
 def draw_pages(folder: Path, pages: Screens, themes: Iterable[str]) -> None:
