@@ -110,10 +110,10 @@ def test_the_law_of_records_is_found(name: str, registry: Any) -> None:
 
 
 def choice_of(model: FrictionModel, others: tuple[type[FrictionModel], ...] = ()) -> LawChoice:
-    """Return the law that explains records at 12 frequencies and three speeds."""
+    """Return the law that explains records at eight frequencies and three speeds."""
     segments = tuple(
         record_of(model, frequency, size / (2 * np.pi * frequency))
-        for frequency in np.geomspace(1, 40, 12)
+        for frequency in np.geomspace(1, 40, 8)
         for size in (1e-3, 8e-3, 0.06)
     )
     signals = Signals(segments, {"u": "N", "y": "m"})

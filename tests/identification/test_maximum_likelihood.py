@@ -184,7 +184,7 @@ def test_records_that_a_replay_cannot_follow_are_refused(record):
 @pytest.mark.thorough
 def test_the_intervals_of_the_scales_hold_them_and_contain_the_error_of_the_steps(recorded):
     held = []
-    for seed in range(8):
+    for seed in range(4):
         signals = recorded(SINE, noise=1e-7, seed=seed)
         found = estimator(noise=1e-7).fit(signals).found
         known = metrics(estimator(noise=1e-7).estimate(signals))
@@ -193,4 +193,4 @@ def test_the_intervals_of_the_scales_hold_them_and_contain_the_error_of_the_step
             of_noise, of_steps = found.covariances[0][place, place] ** 0.5, found.shared_error[place]
             assert interval == pytest.approx(1.96 * np.hypot(of_noise, of_steps) * known[name], rel=1e-3)
             held.append(abs(known[name] - 1) <= interval)
-    assert sum(held) >= 12  # of 16: fewer have a probability of 1e-3 if they hold in 95 %
+    assert sum(held) >= 5  # of 8: fewer have a probability of 4e-4 if they hold in 95 %

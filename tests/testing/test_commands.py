@@ -1,6 +1,7 @@
 """``fraexp new`` and ``fraexp check``, as they are typed."""
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -67,11 +68,13 @@ def test_the_next_steps_are_true_whatever_was_run_and_written_before(
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "friction"])
-def test_a_new_plugin_of_any_kind_works_as_printed(kind: str, tmp_path: Path) -> None:
-    made = shell(f"fraexp new {kind} my_own", tmp_path)
-    for step in steps(made.stdout):
-        done = shell(step, tmp_path)
-        assert done.returncode == ExitCode.OK, f"{step}\n{done.stdout}\n{done.stderr}"
+def test_a_new_plugin_of_any_kind_works_as_printed(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", kind, "my_own"]) == ExitCode.OK
+    for step in steps(capsys.readouterr().out):
+        assert main(shlex.split(step)[1:]) == ExitCode.OK, f"{step}\n{capsys.readouterr()}"
 
 
 @pytest.mark.parametrize("kind", KINDS)
