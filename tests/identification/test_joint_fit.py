@@ -29,17 +29,14 @@ def test_the_loss_is_that_of_a_rounded_normal_variable(resolution, std):
 
 def test_the_joint_step_is_that_of_a_minimiser_that_knows_no_blocks():
     random = np.random.default_rng(3)
-    records = [
-        LinearRecord(random.normal(0, 2, 40), random.normal(0, 1, (40, 2)), random.normal(0, 1, (40, 3)), 1.0, 0.4)
-        for _ in range(3)
-    ]
+    records = [LinearRecord(random.normal(0, 2, 40), random.normal(0, 1, (40, 5)), 1.0, 0.4) for _ in range(3)]
     radii = np.full(2, 5.0), [np.full(3, 5.0)] * 3
 
     def loss(values):
         shared, own = values[:2], values[2:].reshape(3, 3)
         total = 0.5 * np.sum(values**2) / 25
         for record, each in zip(records, own, strict=True):
-            residual = record.residual - record.shared @ shared - record.own @ each
+            residual = record.residual - record.jacobian @ np.concatenate([shared, each])
             total += interval_loss(residual, record.resolution, record.std).value.sum()
         return total
 

@@ -83,10 +83,8 @@ class LinearRecord(NamedTuple):
 
     residual: NDArray[np.float64]
     """Record less the model's position [m], shape (n,)."""
-    shared: NDArray[np.float64]
-    """Derivatives of the position by the shared parameters, shape (n, p)."""
-    own: NDArray[np.float64]
-    """Derivatives by the record's own ones, shape (n, m)."""
+    jacobian: NDArray[np.float64]
+    """Derivatives of the position by the shared parameters, then by the record's own ones, shape (n, p + m)."""
     resolution: float
     """Rounding step [m]."""
     std: float
@@ -206,7 +204,7 @@ class _Problem(NamedTuple):
 
     def evaluate(self, shared: NDArray[np.float64], own: Sequence[NDArray[np.float64]]) -> _Point:
         pairs = list(zip(self.records, own, strict=True))
-        residuals = [record.residual - record.shared @ shared - record.own @ values for record, values in pairs]
+        residuals = [r.residual - r.jacobian @ np.concatenate([shared, values]) for r, values in pairs]
         sizes = [residual.size for residual in residuals]
         stds = np.repeat([record.std for record in self.records], sizes)
         every = interval_loss(np.concatenate(residuals), self.records[0].resolution, stds)  # at once, as each is short
@@ -216,8 +214,8 @@ class _Problem(NamedTuple):
         return _Point(shared, own, [Loss(*each) for each in parts], float(every.value.sum()) + 0.5 * held)
 
     def blocks(self, point: _Point) -> list[_Blocks]:
-        parts = zip(self.records, point.losses, point.own, self.own_radius, strict=True)
-        return [_blocks(record, loss, own, radius) for record, loss, own, radius in parts]
+        parts, p = zip(self.records, point.losses, point.own, self.own_radius, strict=True), point.shared.size
+        return [_blocks(p, record, loss, own, radius) for record, loss, own, radius in parts]
 
     def newton_step(self, point: _Point) -> tuple[NDArray[np.float64], list[NDArray[np.float64]], float]:
         """Return the step of shared and own parameters, and the slope of the loss along it."""
@@ -238,11 +236,12 @@ class _Problem(NamedTuple):
         return step, own_steps, slope
 
 
-def _blocks(record: LinearRecord, loss: Loss, own: NDArray[np.float64], radius: NDArray[np.float64]) -> _Blocks:
-    p = record.shared.shape[1]
-    jacobian, weights = np.hstack([record.shared, record.own]), np.concatenate([np.zeros(p), radius**-2.0])
-    gradient = -(jacobian.T @ loss.slope) + weights * np.concatenate([np.zeros(p), own])
-    return _Blocks(gradient, (jacobian.T * loss.curvature) @ jacobian + np.diag(weights))
+def _blocks(
+    shared: int, record: LinearRecord, loss: Loss, own: NDArray[np.float64], radius: NDArray[np.float64]
+) -> _Blocks:
+    weights, across = np.concatenate([np.zeros(shared), radius**-2.0]), record.jacobian.T
+    gradient = -(across @ loss.slope) + weights * np.concatenate([np.zeros(shared), own])
+    return _Blocks(gradient, (across * loss.curvature) @ record.jacobian + np.diag(weights))
 
 
 MIN_SAMPLES = 64

@@ -27,7 +27,7 @@ from fraexp_plugins.identification._law_numbers import (
     numbers_of,
     scaled_friction,
 )
-from fraexp_plugins.identification._likelihood import NoiseLevel, greatest_ratio, likely_noise
+from fraexp_plugins.identification._likelihood import LinearRecord, NoiseLevel, greatest_ratio, likely_noise
 from fraexp_plugins.identification._machine_problem import NOISE, SCALES, MachineProblem, Models
 from fraexp_plugins.identification._modal_model import parameter_symbol
 from fraexp_plugins.identification._modal_solver import whiteness
@@ -61,22 +61,22 @@ class ReplayError(NamedTuple):
     """Error that the finer replay may have, over the changes; NaN if it diverges, with changes of 0."""
 
 
-def replay_error(
-    fit: RecordFit, state: State, linear: LinearisedFit, shared: NDArray[np.float64] | None = None
-) -> ReplayError:
+def replay_error(found: "Fitted", joint: "Fitted | None" = None) -> ReplayError:
     """Return how a finer replay changes parameters and 1/P̂: by one Newton step towards its greatest likelihood.
 
-    `shared` is the change of shared parameters that another fit estimates, to which the same replay leads.
+    The shared parameters are those of a joint fit, if it is given: the finer replay moves its records alike.
     """
+    fit, state, linear = found.fit, found.state, found.linear
     finer = fit.with_more_steps(STEPS_FACTOR)
     model = finer.free.applied_to(finer.start, state.shared)
-    trials = [Trial(record, model.replay, own) for record, own in zip(fit.records, state.own, strict=True)]
-    positions = positions_of(trials)
+    positions = positions_of([Trial(r, model.replay, own) for r, own in zip(fit.records, state.own, strict=True)])
     if not all(np.isfinite(position).all() for position in positions):
         return ReplayError(np.zeros(state.shared.size), tuple(np.zeros_like(each) for each in linear.inverse), np.nan)
     pairs = zip(linear.records, fit.records, state.own, positions, strict=True)
-    moved = [each._replace(residual=record.residual(own, position)) for each, record, own, position in pairs]
-    after = fit.newton_step(moved, np.zeros(state.shared.size) if shared is None else shared)
+    changes = [record.residual(own, position) - each.residual for each, record, own, position in pairs]
+    still = np.zeros(state.shared.size)
+    shared = still if joint is None else joint.fit.newton_step(_moved(joint.linear, changes), still).shared
+    after = fit.newton_step(_moved(linear, changes), shared)
     inverse = []
     for place, (record, own, position) in enumerate(zip(fit.records, state.own, positions, strict=True)):
         parameters = np.concatenate([after.shared, after.own[place]])
@@ -84,6 +84,11 @@ def replay_error(
         inverse.append(direct + linear.inverse_slopes[place] @ parameters)
     is_smooth = all(friction.is_vectorisable for friction in model.replay.frictions.values())
     return ReplayError(after.shared, tuple(inverse), REMAINING_SMOOTH if is_smooth else REMAINING_WITH_EVENTS)
+
+
+def _moved(linear: LinearisedFit, changes: Sequence[NDArray[np.float64]]) -> list[LinearRecord]:
+    """Return linearised records whose residuals have changed."""
+    return [a._replace(residual=a.residual + b) for a, b in zip(linear.records, changes, strict=True)]
 
 
 MIN_INDEPENDENCE, DIRECTION_SIZES = 1e-3, (5e-4, 0.02)
@@ -234,9 +239,8 @@ def with_own_responses(found: Fitted) -> Fitted:
     known = found.covariances[0][:count, :count] if count else None
     stds = np.array([record.std for record in found.linear.records])
     own = replace(found.fit, has_own_forces=True, shared_covariance=known, prior_stds=stds)
-    state, linear = own.converge(found.state, found.linear)
-    change_of_shared = replay_error(found.fit, found.state, found.linear).shared_change
-    return Fitted(own, state, linear, replay_error(own, state, linear, change_of_shared))
+    whole = Fitted(own, *own.converge(found.state, found.linear))
+    return replace(whole, error=replay_error(whole, found))
 
 
 MAX_PARAMETER_STD = 0.5
@@ -255,7 +259,7 @@ def fit_machine(problem: MachineProblem, known: Fitted | None = None) -> tuple[F
     records of the same machine, from which it starts without a search; else some of the records lead near.
     """
     few = replace(problem, signals=spread_records(problem.signals))
-    joint, starts = joint_fit(few, fits_along_motion(problem)) if known is None else (known, 1)
+    joint, starts = joint_fit(few) if known is None else (known, 1)
     every = replace(joint.fit, records=RecordFit.around(problem, joint.fit.start.plant).records)
     every = every.with_needed_drifts(State(joint.state.shared, tuple(np.zeros(r.count) for r in every.records)))
     whole = _whole(problem, every, joint)
@@ -306,7 +310,7 @@ def _whole(problem: MachineProblem, fit: RecordFit, before: Fitted) -> Fitted:
     """Return the fit of all records with a response for each, from a joint one."""
     joint = along_directions(_without_untold_modes(problem, _converged(problem, fit, before.state.shared)))
     if problem.frictions:
-        return replace(joint, error=replay_error(joint.fit, joint.state, joint.linear))
+        return replace(joint, error=replay_error(joint))
     whole = with_own_responses(joint)
     if whole.explains:
         return whole
@@ -316,7 +320,7 @@ def _whole(problem: MachineProblem, fit: RecordFit, before: Fitted) -> Fitted:
     alone = without_plant(replace(fit, free=problem.free), logs, effective)
     if alone.mean_ratio > whole.mean_ratio:
         return whole
-    return replace(alone, error=replay_error(alone.fit, alone.state, alone.linear))
+    return replace(alone, error=replay_error(alone))
 
 
 def _without_untold_modes(problem: MachineProblem, joint: Fitted) -> Fitted:

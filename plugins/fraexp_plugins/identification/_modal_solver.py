@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import CONVERGED, NORMAL_QUANTILE, ROUNDING, SIGNIFICANCE, RecordError, significant_deviation
+from fraexp.api import NORMAL_QUANTILE, ROUNDING, SIGNIFICANCE, RecordError, significant_deviation
 from fraexp_plugins.identification._least_squares import inverse_square, minimise
 from fraexp_plugins.identification._modal_model import LogResponse, ModalModel, resonators
 
@@ -57,35 +57,18 @@ def _as_sequence(residuals: NDArray[np.float64], parts: int) -> NDArray[np.float
     return rows[0] + 1j * rows[1] if parts == 2 else rows[0]
 
 
-TRIAL_DAMPING_RATIOS = (0.01, 0.03, 0.1)
-TRIAL_FREQUENCY_COUNT = 250
-FREQUENCY_RANGE_FACTOR = 1.25
-"""Highest natural frequency that is tried, over the upper limit of the frequency range."""
-MAX_DELAY_TURNS, STEPS_PER_TURN = 2.0, 8
+MAX_DELAY_TURNS, STEPS_PER_TURN = 2, 4
 """Largest dead time that is tried, in turns of the phase at the upper frequency limit, and steps for each turn."""
 MIN_LOW_POINTS, LOW_FREQUENCY_RATIO = 8, 10.0
 """Lowest points from which the forces of ground are guessed: their number, and their range in frequency."""
-LAST_MODE_CHOICES, CHOICE_DISTANCE = 3, 6
-"""Choices of the last mode that are tried if the other modes are given, and their distance in steps of f."""
 WEIGHT_EXPONENTS = (1.0, 0.5)
 """Exponents x of the weights |Ĝ|^-x: the first favours the anti-resonances, the second the resonances."""
-
-
-class ModeDictionary:
-    """Trial modes of a response, as rows of a linear least-squares problem for each weight."""
-
-    def __init__(self, data: LogResponse) -> None:
-        self.data = data
-        grid = np.geomspace(data.frequency[0], FREQUENCY_RANGE_FACTOR * data.frequency[-1], TRIAL_FREQUENCY_COUNT)
-        self.atoms = np.array([(f, z) for z in TRIAL_DAMPING_RATIOS for f in grid])
-        """Pairs (f [Hz], ζ), shape (m, 2)."""
-        self._modes = resonators(data.s, 2 * np.pi * self.atoms[:, 0], self.atoms[:, 1])
-        self.weights: list[NDArray[np.float64]] = [np.abs(data.response) ** -exponent for exponent in WEIGHT_EXPONENTS]
-        self._rows = [_real(self._modes * weight) for weight in self.weights]
-
-    def rows(self, place: int, factor: NDArray[np.complex128] | None) -> NDArray[np.float64]:
-        """Return the trial modes with a weight, times a factor, shape (n,), if there is one."""
-        return self._rows[place] if factor is None else _real(self._modes * factor * self.weights[place])
+FREQUENCY_RANGE_FACTOR = 1.25
+"""Natural frequency of a mode outside with which a search begins, over the upper limit of the frequency range."""
+FIRST_DAMPING_RATIO, RELOCATIONS = 0.02, 5
+"""Damping ratio of the poles with which a search begins, and how often they are moved."""
+SEARCHED_PLACES = 250
+"""Natural frequencies among which a search finds one: those that noise has to look like a mode."""
 
 
 class ModelEnd(NamedTuple):
@@ -98,27 +81,60 @@ class ModelEnd(NamedTuple):
 
 
 def start_vectors(
-    model: ModalModel, dictionary: ModeDictionary, end: ModelEnd, modes: NDArray[np.float64], choices: int
+    model: ModalModel, data: LogResponse, end: ModelEnd, poles: NDArray[np.float64], relocations: int = RELOCATIONS
 ) -> Iterator[NDArray[np.float64]]:
-    """Yield start vectors p; they keep `modes`, pairs (f [Hz], ζ), shape (m, 2), not more than model.modes.
+    """Yield a start vector p for each weight, to which poles (f [Hz], ζ), shape (model.modes, 2), lead.
 
-    For given poles, ground and dead time the response is linear in k0 and k0 r_i. For each weight the mode that reduces
-    the squared error of that linear fit most is added, until there are enough (orthogonal matching pursuit: Y. C. Pati,
-    R. Rezaiifar and P. S. Krishnaprasad, Asilomar Conf. 1993, doi 10.1109/ACSSC.1993.342465); of the last mode there
-    are some choices.
+    For given poles, ground and dead time the response is linear in k0 and k0 r_i.
     """
-    data, count = dictionary.data, model.modes - len(modes)
-    rigid_and_modes = np.vstack([1 / data.s**2, resonators(data.s, 2 * np.pi * modes[:, 0], modes[:, 1])])
     undelayed = data.response * np.exp(data.s * end.delay)
     # k0 S = G/(1 - (D s + K) G): as an equation for S that is linear, and does not divide by a small difference
-    factor = 1 - model.ground_columns(data.s) @ end.ground * undelayed if model.ground else None
-    for place, weight in enumerate(dictionary.weights):
-        basis = _real(rigid_and_modes * weight * (1.0 if factor is None else factor))
-        rows, target = dictionary.rows(place, factor), _real(undelayed * weight)
-        for places in _pursue(basis, rows, target, count, choices):
-            gains = _coefficients(np.vstack([basis, rows[places]]), target)
-            if gains[0] > 0:
-                yield _vector(model, gains, np.concatenate([modes, dictionary.atoms[places]]), end)
+    factor = 1 - model.ground_columns(data.s) @ end.ground * undelayed
+    for exponent in WEIGHT_EXPONENTS:
+        weight = np.abs(data.response) ** -exponent
+        found = _relocated(data.s, undelayed, factor, weight, poles, relocations)
+        rows = np.vstack([1 / data.s**2, resonators(data.s, 2 * np.pi * found[:, 0], found[:, 1])])
+        gains = _coefficients(_real(rows * weight * factor), _real(undelayed * weight))
+        if gains[0] > 0:
+            yield _vector(model, gains, found, end)
+
+
+def _relocated(
+    s: NDArray[np.complex128],
+    response: NDArray[np.complex128],
+    factor: NDArray[np.complex128],
+    weight: NDArray[np.float64],
+    poles: NDArray[np.float64],
+    relocations: int,
+) -> NDArray[np.float64]:
+    """Return the poles (f [Hz], ζ), shape (m, 2), of a rational function like response/factor, from poles near them.
+
+    Vector fitting: B. Gustavsen and A. Semlyen, IEEE Trans. Power Delivery 14(3), 1999, doi 10.1109/61.772353. With
+    known poles numerator and denominator are linear in the residues; the zeros of the denominator are the next poles.
+    Pairs of poles are those of s² + a s + b, so that real ones are no exception.
+    """
+    size, unit = len(poles), float(np.abs(s).max())
+    s = s / unit
+    omega, zeta = 2 * np.pi * poles[:, 0] / unit, poles[:, 1]
+    for _ in range(relocations if size else 0):
+        squares, dampings = omega**2, 2 * zeta * omega
+        simple = resonators(s, omega, zeta)
+        basis = np.concatenate([simple, s * simple])
+        rows = np.concatenate([np.stack([1 / s**2, 1 / s]) * factor, basis * factor, -response * basis])
+        of_zeros = _coefficients(_real(rows * weight), _real(response * weight))[-2 * size :]
+        chain = np.block([[np.zeros((size, size)), np.eye(size)], [-np.diag(squares), -np.diag(dampings)]])
+        chain[size:] -= of_zeros
+        omega, zeta = _pairs(np.linalg.eigvals(chain))
+    return np.column_stack([omega * unit / (2 * np.pi), zeta])
+
+
+def _pairs(roots: NDArray[np.complex128]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return natural frequencies and damping ratios > 0 of the conjugate pairs of roots, then of pairs of real ones."""
+    upper, real = roots[roots.imag > 0], np.sort(np.abs(roots[roots.imag == 0].real))
+    omega = np.concatenate([np.abs(upper), np.sqrt(real[::2] * real[1::2])])
+    half = np.concatenate([np.abs(upper.real), (real[::2] + real[1::2]) / 2])
+    omega = np.maximum(omega, ROUNDING)
+    return omega, np.maximum(half / omega, ROUNDING)
 
 
 def _real(values: NDArray[np.complex128]) -> NDArray[np.float64]:
@@ -164,44 +180,6 @@ def low_ground(
     return (solver @ target)[:count], np.sqrt(spread) * np.linalg.norm(solver[:count], axis=1)
 
 
-def _pursue(
-    basis: NDArray[np.float64],
-    rows: NDArray[np.float64],
-    target: NDArray[np.float64],
-    count: int,
-    last: int,
-) -> Iterator[list[int]]:
-    """Yield the `count` rows of the dictionary that describe the target best, with `last` choices of the last row.
-
-    The basis is always in the fit.
-    """
-    places: list[int] = []
-    power = np.sum(rows**2, axis=1)
-    for _ in range(count - 1):
-        places.append(int(np.argmax(_error_reduction(np.vstack([basis, rows[places]]), rows, power, target))))
-    if not count:
-        yield places
-        return
-    gain = _error_reduction(np.vstack([basis, rows[places]]), rows, power, target).reshape(
-        len(TRIAL_DAMPING_RATIOS), -1
-    )
-    for _ in range(last):
-        damping, place = np.unravel_index(np.argmax(gain), gain.shape)
-        yield [*places, int(damping * gain.shape[1] + place)]
-        gain[:, max(place - CHOICE_DISTANCE, 0) : place + CHOICE_DISTANCE + 1] = -1.0
-
-
-def _error_reduction(
-    basis: NDArray[np.float64], rows: NDArray[np.float64], power: NDArray[np.float64], target: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return how much each row reduces the squared error of a linear fit with the basis, shape (rows,)."""
-    orthogonal, _ = np.linalg.qr(basis.T)
-    residual = target - orthogonal @ (orthogonal.T @ target)
-    new = power - np.sum((rows @ orthogonal) ** 2, axis=1)
-    usable = new > 1e-6 * power
-    return np.where(usable, (rows @ residual) ** 2 / np.where(usable, new, 1.0), -1.0)
-
-
 def _coefficients(basis: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
     scale = np.linalg.norm(basis, axis=1)
     coefficients, *_ = np.linalg.lstsq((basis / scale[:, None]).T, target, rcond=None)
@@ -216,8 +194,8 @@ def _vector(
     return model.sort_modes(np.concatenate([[np.log(gains[0])], modes.ravel(), ends]))
 
 
-MAX_TRIAL_DELAYS, MAX_TRIAL_STARTS, TRIAL_EVALUATIONS = 4, 6, 25
-"""Dead times and start values from which trial fits begin, and evaluations of each; only the best one goes on."""
+TRIALS, TRIAL_EVALUATIONS = 2, 25
+"""Trial fits from each way to a start, and evaluations of each; only the best one goes on."""
 MAX_EVALUATIONS = 400
 SEARCH_BINS = 150
 """Parts of the frequency range, of which two points each take part in the search."""
@@ -230,6 +208,11 @@ class Solution:
     model: ModalModel
     data: LogResponse
     p: NDArray[np.float64]
+
+    @property
+    def poles(self) -> NDArray[np.float64]:
+        """Pairs (f [Hz], ζ) of the modes, shape (modes, 2)."""
+        return self.model.poles(self.p)
 
     @cached_property
     def error(self) -> NDArray[np.complex128]:
@@ -361,7 +344,7 @@ class Solution:
         for place in range(3, self.model.ground_place, 3):
             slope = np.zeros(self.p.size)
             slope[0], slope[place] = self.p[place], 1.0  # of k0 r, over k0
-            near[place] |= abs(self.p[place]) < significant_deviation(TRIAL_FREQUENCY_COUNT) * np.sqrt(
+            near[place] |= abs(self.p[place]) < significant_deviation(SEARCHED_PLACES) * np.sqrt(
                 slope @ self.covariance @ slope / self.correlation_factor
             )
         return tuple(name for name, is_near in zip(names, near, strict=True) if is_near)
@@ -380,20 +363,21 @@ def solve(model: ModalModel, data: LogResponse, before: Solution | None = None) 
 
 def _search(model: ModalModel, data: LogResponse, before: Solution | None) -> NDArray[np.float64]:
     """Return the best p of a search."""
-    dictionary = ModeDictionary(data)
-    no_modes = np.empty((0, 2))
-    of_ends = ([*start_vectors(model, dictionary, end, no_modes, 1)] for end in _ends(model, data))
-    firsts = [min(found, key=lambda p: Solution(model, data, p).cost) for found in of_ends if found]
-    tried = sorted(firsts, key=lambda p: Solution(model, data, p).cost)[:MAX_TRIAL_DELAYS]
+    spread = np.geomspace(data.frequency[0], data.frequency[-1], 2 * model.modes + 1)[1::2]
+    even = np.column_stack([spread, np.full(spread.size, FIRST_DAMPING_RATIO)])
+    ways = [[p for end in _ends(model, data) for p in start_vectors(model, data, end, even)]]
     if before is not None:
-        tried += _extended_starts(model, dictionary, before.model.poles(before.p), before.p, before.model)
-    best = _best(model, data, tried)
-    for _ in range(model.modes):
-        other = _best(model, data, _exchange_starts(model, dictionary, model.sort_modes(best)))
-        if Solution(model, data, other).cost > (1 - CONVERGED) * Solution(model, data, best).cost:
-            break
-        best = other
-    return best
+        end = ModelEnd(before.model.ground_forces(before.p), before.model.delay(before.p))
+        outside = np.array([[FREQUENCY_RANGE_FACTOR * data.frequency[-1], FIRST_DAMPING_RATIO]])
+        for added, relocations in ((even, RELOCATIONS), (outside, 0)):
+            extended = [np.concatenate([before.poles, [pole] * (model.modes - len(before.poles))]) for pole in added]
+            ways.append([p for poles in extended for p in start_vectors(model, data, end, poles, relocations)])
+    return _best(model, data, [p for tried in ways for p in _ordered(model, data, tried)[:TRIALS]])
+
+
+def _ordered(model: ModalModel, data: LogResponse, tried: list[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+    """Return vectors p, that of least cost first."""
+    return sorted(tried, key=lambda p: Solution(model, data, p).cost)
 
 
 def count_text(number: int, noun: str) -> str:
@@ -401,46 +385,16 @@ def count_text(number: int, noun: str) -> str:
     return f"{number} {noun}" + "s" * (number != 1)
 
 
-def _exchange_starts(
-    model: ModalModel, dictionary: ModeDictionary, p: NDArray[np.float64]
-) -> list[NDArray[np.float64]]:
-    """Return start values in which one mode is searched for again, or two neighbours are split anew.
-
-    Two modes that overlap have a local minimum: a double pole with large modal gains of opposite sign.
-    """
-    poles, modes = model.poles(p), p[1 : model.ground_place].reshape(-1, 3)
-    without = [np.delete(poles, i, axis=0) for i in range(model.modes)]
-    found = [one for others in without for one in _extended_starts(model, dictionary, others, p, model)]
-    for i in range(model.modes - 1):
-        damping, (first, second) = float(np.max(poles[i : i + 2, 1])), modes[i : i + 2]
-        middle = np.array([(first[0] + second[0]) / 2, np.log(damping / 2), (first[2] + second[2]) / 2])
-        offset = np.array([damping / 2, 0.0, 0.0])
-        split = np.vstack([modes[:i], middle - offset, middle + offset, modes[i + 2 :]])
-        found.append(np.concatenate([p[:1], split.ravel(), p[model.ground_place :]]))
-    return found
-
-
-def _extended_starts(
-    model: ModalModel, dictionary: ModeDictionary, poles: NDArray[np.float64], p: NDArray[np.float64], found: ModalModel
-) -> list[NDArray[np.float64]]:
-    """Return start values with these poles and more, and with ground and delay of a fit."""
-    end = ModelEnd(found.ground_forces(p), found.delay(p))
-    return list(start_vectors(model, dictionary, end, poles, LAST_MODE_CHOICES))
-
-
 def _best(model: ModalModel, data: LogResponse, tried: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     """Return the best p to which some start values lead."""
-    low, high = model.bounds()
-    tried = [np.clip(p, low + 1e-2, high - 1e-2) for p in tried]
     if not tried:
         raise RecordError(
             "modal_fit: no start value has a positive rigid-body gain; expected position over force: change the sign "
             "of a channel, or choose a narrower frequency range"
         )
-    costs = [Solution(model, data, p).cost for p in tried]
-    order = np.argsort(costs, kind="stable")[:MAX_TRIAL_STARTS]
-    followed = [descend(model, data, tried[i], TRIAL_EVALUATIONS)[0] for i in order]
-    return min(followed, key=lambda p: Solution(model, data, p).cost)
+    low, high = model.bounds()
+    followed = [descend(model, data, np.clip(p, low + 1e-2, high - 1e-2), TRIAL_EVALUATIONS)[0] for p in tried]
+    return _ordered(model, data, followed)[0]
 
 
 def descend(

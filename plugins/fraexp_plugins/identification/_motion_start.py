@@ -9,6 +9,7 @@ hide a mode of the plant.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -199,9 +200,7 @@ ITERATIONS = 4
 """Times that the linear fit is repeated with the denominator of the one before as its weight. With two the error near
 modes still falls."""
 PRECISION = 2e-3
-"""Error of a logarithm of a scale with which a search in a valley ends: a start need not be better."""
-MAX_VALLEYS = 3
-"""Valleys of the grid in which a search begins, one more than starts are fitted: of two that are alike."""
+"""Step of a logarithm of a scale with which a search in a valley ends: a start need not be better."""
 MAX_LINES = 40
 """Lines, spread over all, that are compared. It bounds the time; rational functions have thirteen numbers at most."""
 
@@ -229,35 +228,25 @@ class ScaleSearch:
         forces = [records.law_force(law, (1.0, float(np.exp(log))))[at] for log in observed]
         self.force_over_scale = CubicSpline(observed, forces) if self.has_displacement else lambda _: forces[0]
 
-    def starts(self) -> list[NDArray[np.float64]]:
-        """Return the logarithms of both scales that give the most plausible responses, one in each valley."""
+    def starts(self) -> Iterator[NDArray[np.float64]]:
+        """Yield the logarithms of both scales that give the most plausible responses, one in each valley."""
         forces = self.force_grid if self.has_force else np.zeros(1)
         displacements = self.grid if self.has_displacement else np.zeros(1)
         points = np.stack(np.meshgrid(forces, displacements, indexing="ij"), axis=-1)
         costs = self.costs(points.reshape(-1, 2)).reshape(points.shape[:2])
         around = np.lib.stride_tricks.sliding_window_view(np.pad(costs, 1, constant_values=np.inf), (3, 3))
         valleys = costs <= around.min(axis=(2, 3))
-        lowest = points[valleys][np.argsort(costs[valleys], kind="stable")[:MAX_VALLEYS]]
-        return [point for _, point in sorted(map(self._refined, lowest), key=lambda each: each[0])]
+        yield from map(self._refined, points[valleys][np.argsort(costs[valleys], kind="stable")])
 
-    def _refined(self, point: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        """Return the least cost around a point of the grid, and where it is."""
-        from scipy.optimize import minimize  # slow to import: only when something is estimated
-
-        free = np.array([self.has_force, self.has_displacement])
-
-        def at(values: NDArray[np.float64]) -> NDArray[np.float64]:
-            moved = point.copy()
-            moved[free] = values
-            return moved
-
-        width = float(self.grid[1] - self.grid[0])
-        simplex = point[free] + width * np.vstack([np.zeros(free.sum()), np.eye(free.sum())])
-        found = minimize(
-            lambda values: float(self.costs(at(values)[None, :])[0]), point[free], method="Nelder-Mead",
-            options={"initial_simplex": simplex, "xatol": PRECISION, "fatol": np.inf},
-        )  # fmt: skip
-        return float(found.fun), at(found.x)
+    def _refined(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return where the cost is least around a point of the grid, in steps that are halved where none helps."""
+        free = [self.has_force, self.has_displacement]
+        around = free * np.stack(np.meshgrid([0.0, -1.0, 1.0], [0.0, -1.0, 1.0]), axis=-1).reshape(-1, 2)
+        width = float(self.grid[1] - self.grid[0]) / 2
+        while width > PRECISION:
+            best = int(np.argmin(self.costs(point + width * around)))
+            point, width = point + width * around[best], width / 2 if best == 0 else width
+        return np.asarray(point)
 
     def costs(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the mean logarithm of the error of a rational function, for logarithms of both scales, (n, 2)."""
@@ -374,7 +363,7 @@ def _plausible_friction(
     """Return the cost of the most plausible friction around a start, and that friction."""
     changed = observer.model_copy(update={"friction": start.model(Rolling)})
     search = ScaleSearch(signals, changed.resolve_oversampling(signals.segments), SCALES, force_range=FORCE_RANGE)
-    (best, *_) = search.starts()
+    best = next(search.starts())
     cost = float(search.costs(best[None, :])[0])
     force, width = np.exp(best)
     return cost, start._replace(force=start.force * float(force), width=start.width * float(width))
@@ -470,19 +459,20 @@ def fits_along_motion(problem: MachineProblem) -> list[MotionFit]:
         assert problem.nominal_plant is not None
         return [MotionFit(problem.nominal_plant, np.zeros(len(problem.free.names)), np.nan)]
     records, found = MotionRecords.of(problem), list[MotionFit]()
-    for start in _starts(problem, records.observer)[:MAX_STARTS]:
+    for start in islice(_starts(problem, records.observer), MAX_STARTS):
         found.append(_fit_from(problem, records, start))
         if found[-1].residual < EXPLAINED:
             break
     return sorted(found, key=lambda each: each.residual)
 
 
-def _starts(problem: MachineProblem, observer: EffectiveInput) -> list[NDArray[np.float64]]:
-    """Return the logarithms of the free parameters at which a fit may begin, the most plausible first."""
+def _starts(problem: MachineProblem, observer: EffectiveInput) -> Iterator[NDArray[np.float64]]:
+    """Yield the logarithms of the free parameters at which a fit may begin, the most plausible first."""
     if not set(SCALES) & set(problem.free.friction):
-        return [np.zeros(len(problem.free.names))]
+        yield np.zeros(len(problem.free.names))
+        return
     search = ScaleSearch(problem.signals, observer, problem.free.friction)
-    return [problem.free.logs_of(scales) for scales in search.starts()]
+    yield from map(problem.free.logs_of, search.starts())
 
 
 def _fit_from(problem: MachineProblem, records: MotionRecords, start: NDArray[np.float64]) -> MotionFit:

@@ -256,41 +256,56 @@ class RecordFit:
     def linearise(
         self, state: State, positions: Sequence[NDArray[np.float64]], known: LinearisedFit | None = None
     ) -> LinearisedFit:
-        """Return all records around a state with its positions, linearised by central differences side by side.
+        """Return all records around a state with its positions, linearised by differences side by side.
 
-        `known` has the derivatives by the shared parameters, if they are not to be computed again.
+        The steps of a replay falsify both ends of a difference alike, so that it takes coarse ones. `known` has the
+        derivatives by the shared parameters, if they are not to be computed again.
         """
         count = state.shared.size
         across = COARSE_DIFFERENCE * np.eye(count) if self.directions is None else self.directions
-        steps = across.T if known is None else ()
         centre = self.free.applied_to(self.start, state.shared)
-        models = [self._model_at(state.shared + sign * step) or centre for step in steps for sign in (1, -1)]
-        steps_of = centre.replay.with_coarse_steps() if self.directions is None else centre.replay
-        alike = [each.with_steps_of(steps_of) for each in (centre, *models)]
-        sides = [self._sides(record, alike, own) for record, own in zip(self.records, state.own, strict=True)]
-        moved = iter(positions_of([trial for each in sides for trial in each.trials]))
-        records, inverse, slopes, inverse_steps = [], [], [], np.linalg.inv(across)
-        for place, (record, each, own) in enumerate(zip(self.records, sides, state.own, strict=True)):
-            columns, rows = each.derivatives([next(moved) for _ in each.trials])
+        models = [self._model_at(state.shared + step) or centre for step in (across.T if known is None else ())]
+        coarse = centre.replay.with_coarse_steps() if self.directions is None else centre.replay
+        alike = [each.with_steps_of(coarse) for each in (centre, *models)]
+        trials = [self._trials(record, alike, own) for record, own in zip(self.records, state.own, strict=True)]
+        moved = iter(
+            positions_of([Trial(r, m.replay, o) for r, t in zip(self.records, trials, strict=True) for m, o in t])
+        )
+        records, inverse, slopes = [], [], []
+        for place, (record, each, own) in enumerate(zip(self.records, trials, state.own, strict=True)):
+            columns, rows = self._differences(record, each, [next(moved) for _ in each])
             if known is None:
-                columns[:, :count] = columns[:, :count] @ inverse_steps
-                rows[:, :count] = rows[:, :count] @ inverse_steps
+                turn = np.linalg.inv(across)
+                of_shared, of_lines = columns[:, :count] @ turn, rows[:, :count] @ turn
             else:
-                columns = np.hstack([known.records[place].shared, columns])
-                rows = np.hstack([known.inverse_slopes[place][:, :count], rows])
+                of_shared = known.records[place].jacobian[:, :count]
+                of_lines = known.inverse_slopes[place][:, :count]
+            width = self._force_difference(record)
+            of_own = columns[:, len(models) :] / width, rows[:, len(models) :] / width
+            columns = np.hstack([of_shared, of_own[0]])
             records.append(self._linear_record(record, own, record.residual(own, positions[place]), columns))
             inverse.append(record.inverse_response(centre, own, positions[place]))
-            slopes.append(np.hstack([rows, np.zeros((len(rows), len(record.drifts)))]))
+            slopes.append(np.hstack([of_lines, of_own[1], np.zeros((len(rows), len(record.drifts)))]))
         return LinearisedFit(tuple(records), tuple(inverse), tuple(slopes))
 
-    def _sides(self, record: ReplayedRecord, models: Sequence[Models], own: NDArray[np.float64]) -> "_Sides":
-        """Return the trials on both sides of a state, given its model and those at both sides of shared parameters."""
-        width, forces = self._force_difference(record), record.forces if self.has_own_forces else 0
-        trials = [(model, own) for model in models[1:]]
-        for row in np.eye(record.count)[:forces]:
-            trials += [(models[0], own + width * row), (models[0], own - width * row)]
-        widths = [1.0] * (len(models) // 2) + [width] * forces
-        return _Sides(trials, record, np.array(widths))
+    def _trials(
+        self, record: ReplayedRecord, models: Sequence[Models], own: NDArray[np.float64]
+    ) -> list[tuple[Models, NDArray[np.float64]]]:
+        """Return the machine at a state, then those with one other parameter, with a record's own parameters."""
+        forces = self._force_difference(record) * np.eye(record.count)[: record.forces if self.has_own_forces else 0]
+        return [*((model, own) for model in models), *((models[0], own + force) for force in forces)]
+
+    def _differences(
+        self,
+        record: ReplayedRecord,
+        trials: Sequence[tuple[Models, NDArray[np.float64]]],
+        positions: Sequence[NDArray[np.float64]],
+    ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+        """Return the changes of position and 1/P̂ from the first trial to each other one, (n, k) and (lines, k)."""
+        pairs = zip(trials, positions, strict=True)
+        inverse = np.array([record.inverse_response(model, own, position) for (model, own), position in pairs])
+        moved = np.array(positions)[:, record.settled_samples]
+        return (moved[1:] - moved[0]).T, (inverse[1:] - inverse[0]).T
 
     def _linear_record(
         self,
@@ -300,9 +315,8 @@ class RecordFit:
         columns: NDArray[np.float64],
     ) -> LinearRecord:
         """Return a record with its residual, and its derivatives by all parameters but the drift, shape (n, p + f)."""
-        shared, forces = np.split(columns, [len(self.free.names)], axis=1)
-        own = np.hstack([forces, record.drifts.T[record.settled_samples]])
-        return LinearRecord(residual, shared, own, self.resolution, self._std(record, parameters, residual))
+        jacobian = np.hstack([columns, record.drifts.T[record.settled_samples]])
+        return LinearRecord(residual, jacobian, self.resolution, self._std(record, parameters, residual))
 
     def _force_difference(self, record: ReplayedRecord) -> float:
         amplitude, control = float(np.abs(record.measured).max()), float(np.abs(record.control).max())
@@ -374,30 +388,6 @@ class RecordFit:
         weights = np.minimum(stds / self.prior_stds, 1.0) ** 2
         forces = [record.forces for record in self.records]
         return step.covariances_beside(self.shared_covariance, weights, forces)
-
-
-@dataclass(frozen=True)
-class _Sides:
-    """Trials on both sides of each parameter of a record."""
-
-    models: Sequence[tuple[Models, NDArray[np.float64]]]
-    record: ReplayedRecord
-    widths: NDArray[np.float64]
-
-    @property
-    def trials(self) -> list[Trial]:
-        return [Trial(self.record, model.replay, own) for model, own in self.models]
-
-    def derivatives(
-        self, positions: Sequence[NDArray[np.float64]]
-    ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-        """Return the derivatives of position and 1/P̂ by the parameters, shape (n, parameters), (lines, parameters)."""
-        pairs = zip(self.models, positions, strict=True)
-        inverse = [self.record.inverse_response(model, own, position) for (model, own), position in pairs]
-        moved = np.array(positions).reshape(-1, self.record.position.size)[:, self.record.settled_samples]
-        lines = np.array(inverse, dtype=complex).reshape(-1, self.record.frequency.size)
-        double = 2 * self.widths[:, None]
-        return ((moved[0::2] - moved[1::2]) / double).T, ((lines[0::2] - lines[1::2]) / double).T
 
 
 class _Move(NamedTuple):

@@ -94,7 +94,11 @@ def planned_records(fit: RecordFit, amplitudes: Sequence[float]) -> list[Planned
         period = segment.samples * segment.sample_time
         settled = (segment.settling.time if segment.settling else 0.0) + period
         size = float(record.frequency[0]), amplitude, period, settled, float(np.ptp(record.position))
-        found.append(PlannedRecord(*size, *_information(each, slopes[0] / inverse[0], record.forces), repeated))
+        found.append(
+            PlannedRecord(
+                *size, *_information(each, slopes[0] / inverse[0], record.forces, state.shared.size), repeated
+            )
+        )
     return found
 
 
@@ -117,13 +121,11 @@ def repeated_share(noise: float, resolution: float) -> float:
 
 
 def _information(
-    record: LinearRecord, slopes: NDArray[np.complex128], forces: int
+    record: LinearRecord, slopes: NDArray[np.complex128], forces: int, p: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return what a planned record knows: `shared`, `own`, `slopes` and `told`."""
-    p = record.shared.shape[1]
     curvature = interval_loss(record.residual, record.resolution, record.std).curvature
-    jacobian = np.hstack([record.shared, record.own])
-    hessian = (jacobian.T * curvature) @ jacobian
+    hessian = (record.jacobian.T * curvature) @ record.jacobian
     # Where the response is the plant's, a record has a drift of its own only.
     drift = hessian[p + forces :, p + forces :]
     mixed_drift = hessian[p + forces :, :p]
@@ -322,7 +324,7 @@ def _count_within(record: PlannedRecord, time: float) -> int:
 UNIFORM, DESIGNED = "uniform plan", "designed plan"
 
 
-class ExcitationDesign(Estimator, name="excitation_design", version=5):
+class ExcitationDesign(Estimator, name="excitation_design", version=6):
     """The sines that tell most of plant and friction in a given measuring time (optimal input design).
 
     `method` finds plant, friction and noise from the records there are: those of a short measurement, or of a simulated

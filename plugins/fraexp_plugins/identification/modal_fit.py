@@ -178,7 +178,7 @@ def _size_in_stds(solution: Solution, name: str) -> float:
     return float(solution.p[place] / np.sqrt(solution.covariance[place, place]))
 
 
-class ModalFit(Estimator, name="modal_fit", version=9):
+class ModalFit(Estimator, name="modal_fit", version=10):
     """P_d(s) e^{-Ls} of the paper's eq (1), fitted to the response of `method`: rigid body, modes and dead time.
 
     Minimises Σ w_k |ln(G_m(jω_k)/Ĝ_k)|², the weighted logarithmic residual (J. D. Sidman, F. E. DeAngelis and
