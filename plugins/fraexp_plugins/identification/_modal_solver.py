@@ -120,7 +120,9 @@ def _relocated(
         squares, dampings = omega**2, 2 * zeta * omega
         simple = resonators(s, omega, zeta)
         basis = np.concatenate([simple, s * simple])
-        rows = np.concatenate([np.stack([1 / s**2, 1 / s]) * factor, basis * factor, -response * basis])
+        rows: NDArray[np.complex128] = np.concatenate(
+            [np.stack([1 / s**2, 1 / s]) * factor, basis * factor, -response * basis]
+        )
         of_zeros = _coefficients(_real(rows * weight), _real(response * weight))[-2 * size :]
         chain = np.block([[np.zeros((size, size)), np.eye(size)], [-np.diag(squares), -np.diag(dampings)]])
         chain[size:] -= of_zeros

@@ -240,8 +240,9 @@ class ScaleSearch:
 
     def _refined(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return where the cost is least around a point of the grid, in steps that are halved where none helps."""
-        free = [self.has_force, self.has_displacement]
-        around = free * np.stack(np.meshgrid([0.0, -1.0, 1.0], [0.0, -1.0, 1.0]), axis=-1).reshape(-1, 2)
+        around = np.array([self.has_force, self.has_displacement]) * np.stack(
+            np.meshgrid([0.0, -1.0, 1.0], [0.0, -1.0, 1.0]), axis=-1
+        ).reshape(-1, 2)
         width = float(self.grid[1] - self.grid[0]) / 2
         while width > PRECISION:
             best = int(np.argmin(self.costs(point + width * around)))
