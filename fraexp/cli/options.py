@@ -210,7 +210,7 @@ COMMANDS = {
         JSON,
     ),
     "stop": _command(
-        "stop",
+        "run:stop",
         "stop a run; finished sweeps are kept",
         _option("run RUN", "a run number", type=int),
         _switch("--kill", "kill its processes at once; stored results are kept"),

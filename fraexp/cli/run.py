@@ -1,5 +1,6 @@
-"""``fraexp run``: compute the missing sweeps of studies, and show the results."""
+"""``fraexp run`` and ``fraexp stop``: compute the missing sweeps of studies, and show the results; or stop."""
 
+import shlex
 from argparse import Namespace
 
 from fraexp.cli.exits import ExitCode
@@ -48,4 +49,15 @@ def _detach(arguments: Namespace, workspace: WorkspaceService) -> ExitCode:
     else:
         say(f"started as run {number}; fraexp show {number}{here} shows it, fraexp stop {number}{here} stops it")
     print_path(started.log, "log ")
+    return ExitCode.OK
+
+
+def stop(arguments: Namespace) -> ExitCode:
+    """Ask a run on this machine to stop, or kill its processes."""
+    workspace = WorkspaceService.open(arguments.workspace, arguments.db)
+    with workspace.open_store() as store:
+        run = store.run(arguments.run)
+    workspace.stop(run, arguments.kill)
+    what = "is killed; stored results are kept" if arguments.kill else "is stopping; finished sweeps are kept"
+    say(f"run {run.number} {what}, fraexp run {shlex.quote(run.study)}{location_options(arguments)} continues it")
     return ExitCode.OK

@@ -4,8 +4,8 @@ from datetime import UTC, datetime
 
 import pytest
 
-from fraexp.cli import measurement_meter, progress
-from fraexp.cli.measurement_meter import MeasurementMeter
+from fraexp.cli import measure, progress
+from fraexp.cli.measure import MeasurementMeter
 from fraexp.cli.progress import Meter
 from fraexp.execution.events import TimeLeft
 from fraexp.store import RunProgress, RunSummary
@@ -23,7 +23,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    for module in (progress, measurement_meter):
+    for module in (progress, measure):
         monkeypatch.setattr(module, "time", clock)
     return clock
 

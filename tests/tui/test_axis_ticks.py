@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fraexp.tui.plotting.ticks import TickFormatter, tick_text
+from fraexp.tui.plotting.plot_widget import TickFormatter, tick_text
 from tests.examples import portion
 
 

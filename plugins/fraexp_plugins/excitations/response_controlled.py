@@ -31,7 +31,7 @@ class ForceTrial(NamedTuple):
 
 
 @dataclass(frozen=True)
-class RevisedPeriod(Period):
+class _RevisedPeriod(Period):
     """A period whose force follows from earlier trials."""
 
     trials: tuple[ForceTrial, ...] = ()
@@ -64,17 +64,17 @@ class ResponseControlled(SteppedExcitation, name="response_controlled", version=
         """Return the first trial: one block of whole periods per frequency."""
         blocks = [self.block(frequency, sample_time) for frequency in self.grid]
         first = FIRST_FORCE_RATIO * self.max_force
-        return tuple(RevisedPeriod(first * sine_wave(block), np.array([block.cycles])) for block in blocks)
+        return tuple(_RevisedPeriod(first * sine_wave(block), np.array([block.cycles])) for block in blocks)
 
     def revise(self, period: Period, segment: Segment) -> Period | None:
         """Return the period with a better force, or None if the amplitude is met or cannot be."""
         force = _amplitude(period.waveform, period.lines[0])
-        earlier = period.trials if isinstance(period, RevisedPeriod) else ()
+        earlier = period.trials if isinstance(period, _RevisedPeriod) else ()
         trials = (*earlier, ForceTrial(force, self._response(segment)))
         wanted = next_force(trials, self.displacement, self.max_force, self.accuracy)
         if wanted is None:
             return None
-        return RevisedPeriod(period.waveform * (wanted / force), period.lines, period.reference, trials=trials)
+        return _RevisedPeriod(period.waveform * (wanted / force), period.lines, period.reference, trials=trials)
 
     def max_force_and_stroke(self) -> tuple[float | None, float | None]:
         """Return the maximum force [N], and the stroke [m] of the amplitude that is aimed at."""

@@ -46,7 +46,7 @@ IDENTIFIED_DEAD_TIME = "input_dead_time"
 DELAYS = ("input_dead_time", "input_time_constants", "output_dead_time", "output_time_constants")
 
 
-class LoopPath(NamedTuple):
+class _LoopPath(NamedTuple):
     """What lies between the controller and the plant, and back."""
 
     sample_time: float
@@ -59,7 +59,7 @@ class LoopPath(NamedTuple):
     """Of the lags behind it [s]."""
 
     @classmethod
-    def of_loop(cls, stated: Estimator, signals: Signals, found: Result, fit: Fit) -> "LoopPath":
+    def of_loop(cls, stated: Estimator, signals: Signals, found: Result, fit: Fit) -> "_LoopPath":
         """Return the path that a tuning estimator states, and what it leaves open as its method knows or found it.
 
         Of the dead time that is stated and the one that is known the greater counts. Raises RecordError if no sample
@@ -178,7 +178,7 @@ class LoopTuning(Estimator, name="loop_tuning", version=3):
             fitted = ModalFit(method=self.method).fit_response(found.response)
             (fit,) = fitted.fits
             found = replace(found.with_findings(*fitted.findings), fits=(*found.fits, fit))
-        loop = _Loop.from_fit(self, fit, found, LoopPath.of_loop(self, signals, found, fit))
+        loop = _Loop.from_fit(self, fit, found, _LoopPath.of_loop(self, signals, found, fit))
         tuned = loop.search(self).best()
         if tuned is None:
             raise RecordError(self._refusal(loop))
@@ -256,10 +256,10 @@ class _Loop:
     friction: FrictionGain
     model: DesignModel
     modes: tuple[float, ...]
-    path: LoopPath
+    path: _LoopPath
 
     @classmethod
-    def from_fit(cls, tuning: LoopTuning, fit: Fit, found: Result, path: LoopPath) -> "_Loop":
+    def from_fit(cls, tuning: LoopTuning, fit: Fit, found: Result, path: _LoopPath) -> "_Loop":
         plant, _ = plant_of(fit, fit.values)
         assert found.response is not None
         nyquist = 0.5 / path.sample_time

@@ -55,7 +55,7 @@ LINGER_S = 3.0
 """Time without a connection after which the process ends."""
 
 
-class AxisPlay:
+class _AxisPlay:
     """A period that is being played, with all that was recorded of it."""
 
     def __init__(self, request: PlayRequest, name: int, loop: LiveLoop, channels: list[str]) -> None:
@@ -92,7 +92,7 @@ class AxisPlay:
             self.stop, self.reason = self.produced, reason
 
 
-class AxisServer:
+class _AxisServer:
     """Serves one machine to one connection at a time, with losses and delays to order."""
 
     def __init__(self, order: dict[str, Any], listener: socket.socket) -> None:
@@ -104,7 +104,7 @@ class AxisServer:
         self._loop = LiveLoop(self._setup)
         self._random = random.Random(order["seed"])
         self._stream: MessageStream | None = None
-        self._play: AxisPlay | None = None
+        self._play: _AxisPlay | None = None
         self._outbox: deque[tuple[float, dict[str, Any], NDArray[np.float64] | None]] = deque()
         self._heard = self._connected = time.monotonic()
         self._sent, self._total, self._is_cut, self._quits = 0, 0, order["cut_after"] == 0, False
@@ -178,7 +178,7 @@ class AxisServer:
         if self._order["from_rest"]:
             self._loop = LiveLoop(self._setup, request.number)
         was_off = self._play is not None and self._play.is_off
-        self._play, self._sent = AxisPlay(request, table["name"], self._loop, self._names), 0
+        self._play, self._sent = _AxisPlay(request, table["name"], self._loop, self._names), 0
         self._play.is_off = was_off
         self._note("play", number=request.number)
 
@@ -195,7 +195,7 @@ class AxisServer:
         """Say whether there is something to play at once."""
         return self._play is not None and self._play.produced < min(self._due(self._play), self._play.end)
 
-    def _due(self, play: AxisPlay) -> int:
+    def _due(self, play: _AxisPlay) -> int:
         """Return up to which sample the machine should have played."""
         speed, sample_time = self._order["speed"], self._setup.sample_time
         if speed:
@@ -226,17 +226,17 @@ class AxisServer:
             self._note("rest", reason=play.reason, samples=play.produced)
             self._post_end(play)
 
-    def _resend(self, play: AxisPlay, start: int, end: int) -> None:
+    def _resend(self, play: _AxisPlay, start: int, end: int) -> None:
         for begin in range(start, end, LOCKSTEP_SAMPLES):
             self._post_samples(play, begin, min(begin + LOCKSTEP_SAMPLES, end))
         if play.has_rested:
             self._post_end(play)
 
-    def _post_samples(self, play: AxisPlay, start: int, end: int) -> None:
+    def _post_samples(self, play: _AxisPlay, start: int, end: int) -> None:
         if end > start:
             self._post({"is": "samples", "of": play.name, "start": start}, play.recorded[:, start:end])
 
-    def _post_end(self, play: AxisPlay) -> None:
+    def _post_end(self, play: _AxisPlay) -> None:
         self._post({"is": "end", "of": play.name, "samples": play.produced, "reason": play.reason})
 
     def _post(self, table: dict[str, Any], numbers: NDArray[np.float64] | None = None) -> None:
@@ -258,7 +258,7 @@ def main() -> None:
     order = json.loads(sys.stdin.readline())
     with socket.create_server(("127.0.0.1", 0)) as listener:
         try:
-            server = AxisServer(order, listener)
+            server = _AxisServer(order, listener)
         except Exception as error:  # whatever a plugin's law raises: the client reports it
             print(json.dumps({"error": str(error).splitlines()[0] if str(error) else type(error).__name__}), flush=True)
             return
