@@ -321,15 +321,19 @@ class FrictionFit:
         """Return a term; 0 if it is not fitted."""
         return next((each.value for each in self.numbers if each.name == name), 0.0)
 
+    @cached_property
+    def is_coulomb(self) -> NDArray[np.float64]:
+        """Which numbers add up to the force of gross sliding, as 0 and 1: of another law its first force."""
+        forces = [each.name for each in self.numbers if each.unit == "N" and each.name not in TERM_UNITS]
+        elements = [name for name in forces if name.startswith("limit_force")]
+        chosen = elements or [name for name in forces if name == "coulomb_force"] or forces[:1]
+        return np.array([each.name in chosen for each in self.numbers], dtype=float)
+
     @property
     def coulomb_force(self) -> float:
         """Force of gross sliding [N], by which errors are judged; 0 if the record shows no friction."""
-        if not self.sizes.any():
-            return 0.0
-        forces = [each for each in self.numbers if each.unit == "N" and each.name != "offset"]
-        of_elements = [each.value for each in forces if each.name.startswith("limit_force")]
-        named = [each.value for each in forces if each.name == "coulomb_force"]
-        return sum(of_elements) or (named or [each.value for each in forces] or [0.0])[0]
+        values = np.array([each.value for each in self.numbers])
+        return float(self.is_coulomb @ values) if self.sizes.any() else 0.0
 
     @property
     def noise(self) -> float:
@@ -374,14 +378,19 @@ class FrictionFit:
         return max(variance, self.error**2 * rows) if self.has_model_error else variance
 
     @cached_property
-    def covariance(self) -> NDArray[np.float64]:
-        """Covariance of the numbers: with the residual's correlation, errors of the model, and what is not known."""
+    def point_covariance(self) -> NDArray[np.float64]:
+        """Covariance of shape and coefficients: with the residual's correlation, and errors of the model."""
         covariance = self.inverse * self.variance
         if self.stroke is not None:  # what the force along the stroke changes, where it widens the covariance
             plain = np.diag(inverse_square(self.jacobian))
             change = self.stroke.values * np.clip(1 - plain / np.diag(self.stroke.inverse), 0.0, 1.0)
             covariance += np.outer(change, change)
-        found = self.number_slopes @ covariance @ self.number_slopes.T
+        return covariance
+
+    @cached_property
+    def covariance(self) -> NDArray[np.float64]:
+        """Covariance of the numbers."""
+        found = self.number_slopes @ self.point_covariance @ self.number_slopes.T
         names = [each.name for each in self.numbers]
         if "mass" in names and self.problem.speed is not None:  # friction jumps at an unknown time while it stands
             place = names.index("mass")
@@ -399,6 +408,19 @@ class FrictionFit:
     def quantile(self) -> float:
         """Half width of a 95 % interval in standard deviations (Student's t)."""
         return float(interval_factor(max(self.fitted_residuals.size - self.point.size, 1)))
+
+    def half_width(self, weights: NDArray[np.float64]) -> float:
+        """Return half of the 95 % interval of a weighted sum of the numbers."""
+        return self.quantile * float(np.sqrt(max(float(weights @ self.covariance @ weights), 0.0)))
+
+    def virgin_curve(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the force [N] of a first slow displacement x [m], ascending, and its standard deviation, (n,) each."""
+        columns = self.forces.virgin_columns(x)
+        by_shape = self.forces.slopes(lambda law: law.virgin_columns(x), self.sizes, DIFFERENCE)
+        slopes = np.column_stack([*by_shape, columns])
+        own = np.delete(np.arange(self.point.size), self.shape.size + np.arange(len(self.problem.terms)))
+        variance = np.einsum("ij,jk,ik->i", slopes, self.point_covariance[np.ix_(own, own)], slopes)
+        return columns @ self.sizes, np.sqrt(np.maximum(variance, 0.0))
 
     def beside_stroke_force(self) -> "FrictionFit":
         """Return the fit beside a force along the stroke, such as cogging, if that explains most of the error."""

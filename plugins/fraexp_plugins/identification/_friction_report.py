@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fraexp.api import CURVE_POINTS, Curve, Finding, Fit, Metric, Quantity, Result, Signals
 from fraexp_plugins.friction._shared.element_model import ElementModel
@@ -70,7 +69,7 @@ def _findings(fit: FrictionFit) -> Iterator[Finding | str]:
         text = "the thrust acts at another time than one that is held between samples and delayed as stated"
         remedy = "if you know better, set input_dead_time, or zero_order_hold"
         yield Finding("remark", (Quantity(dead_time, "s", "further dead time"),), text=text, remedy=remedy)
-    half_width, force = _coulomb_half_width(fit), fit.coulomb_force
+    half_width, force = fit.half_width(fit.is_coulomb), fit.coulomb_force
     if half_width > 0:
         known = Quantity(100 * half_width / force, "%", "known to")
         yield Finding("not identifiable", (known,), place="Coulomb force", error=half_width / force)
@@ -108,21 +107,14 @@ def _stiffness(fit: FrictionFit) -> float:
 
 def _half_widths(fit: FrictionFit) -> dict[str, float]:
     """Return half of the 95 % interval of each number by its name."""
-    std = fit.quantile * np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    return dict(zip((each.name for each in fit.numbers), std.tolist(), strict=True))
-
-
-def _coulomb_half_width(fit: FrictionFit) -> float:
-    """Return half of the 95 % interval of the force of gross sliding [N]."""
-    is_force = np.array([each.name.startswith(("limit_force", "coulomb_force")) for each in fit.numbers], dtype=float)
-    return float(fit.quantile * np.sqrt(max(is_force @ fit.covariance @ is_force, 0.0)))
+    return {each.name: fit.half_width(row) for each, row in zip(fit.numbers, np.eye(len(fit.numbers)), strict=True)}
 
 
 def _metrics(fit: FrictionFit) -> Iterator[Metric]:
     """Yield the numbers, those of a list of elements but as their sums, and how well they explain the record."""
     widths, is_of_elements = _half_widths(fit), isinstance(fit.model, ElementModel)
     if is_of_elements:
-        yield from _with_interval("Coulomb force", "N", fit.coulomb_force, _coulomb_half_width(fit))
+        yield from _with_interval("Coulomb force", "N", fit.coulomb_force, fit.half_width(fit.is_coulomb))
         yield Metric("presliding deflection", fit.coulomb_force / _stiffness(fit), "m")
         yield Metric("presliding stiffness", _stiffness(fit), "N/m")
         yield Metric("elements", float(len(fit.sizes)), "1")
@@ -150,43 +142,25 @@ def _with_interval(title: str, unit: str, value: float, half_width: float) -> It
 
 
 def _curves(fit: FrictionFit) -> Iterator[Curve]:
-    """Yield the virgin curve of elements, force over velocity of sliding, or measured force and model over time."""
+    """Yield the virgin curve, force over velocity of sliding, or measured force and model over time."""
     rows, terms, residual = fit.rows, fit.problem.terms, fit.residuals
     if fit.problem.is_sliding:
         inertia = fit.term("mass") * rows.columns[:, terms.index("mass")] if "mass" in terms else 0.0
         force = rows.force - inertia - (fit.stroke.force if fit.stroke else 0.0)
         yield force_over_velocity(rows.velocity, force, force - residual)
         return
-    if isinstance(fit.model, ElementModel):
-        yield virgin_curve(*_virgin_curve(fit))
+    thresholds = fit.problem.thresholds
+    x = np.geomspace(float(thresholds[0]) / 10, 1.2 * float(thresholds[-1]), CURVE_POINTS)
+    yield virgin_curve(x, *fit.virgin_curve(x))
     first = np.flatnonzero(rows.record == rows.record[0])[:MAX_CURVE_SAMPLES]
     time, force = rows.time[first] - rows.time[first[0]], rows.force[first]
     columns = {"time": time, "force": force, "model": force - residual[first]}
     yield Curve("friction force", columns, {"time": "s", "force": "N", "model": "N"})
 
 
-def _virgin_curve(fit: FrictionFit) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return displacement x [m], g(x) = Σ K_i min(x, Y_i) [N] and its standard deviation [N], each (n,)."""
-    values = {name: np.array([n.value for n in fit.numbers if n.name.startswith(name)]) for name in LISTS}
-    stiffness, force = values.values()
-    widths = force / stiffness
-    x = np.unique(np.concatenate([np.geomspace(widths.min() / 10, 1.2 * widths.max(), CURVE_POINTS), widths]))
-    sticks = x[:, None] < widths
-    gradient = np.concatenate([np.where(sticks, x[:, None], 0.0), np.where(sticks, 0.0, 1.0)], axis=1)
-    size = gradient.shape[1]
-    variance = np.einsum("ij,jk,ik->i", gradient, fit.covariance[:size, :size], gradient)
-    return x, gradient @ np.concatenate([stiffness, force]), np.sqrt(np.maximum(variance, 0.0))
-
-
-LISTS = ("stiffness", "limit_force")
-"""Numbers of elements, which come first."""
-
-
 def _model(fit: FrictionFit) -> Fit:
     """Return the friction model with the covariance of its numbers."""
-    inside = [
-        place for place, each in enumerate(fit.numbers) if each.name not in ("offset", "asymmetry", "mass", "dead_time")
-    ]
+    inside = [place for place, each in enumerate(fit.numbers) if each.name not in TERM_UNITS or each.name == "viscous"]
     chosen = [fit.numbers[place] for place in inside]
     return Fit(
         "friction",

@@ -25,6 +25,7 @@ from fraexp_plugins.identification._law_numbers import (
     lists_by_unit,
     rough_model,
     unit_of_field,
+    with_numbers,
 )
 
 RELAXATIONS = (0.0, 0.6, 1.7)
@@ -174,9 +175,9 @@ class WholeLaw(LawForces):
 
     def _columns(self) -> Iterator[tuple[FrictionModel, FrictionModel | None]]:
         bare = {name: ROUNDING * getattr(self.unit, name) for name in self.sized}
-        base = _changed(self.law_numbers.model(self.shape), bare)
+        base = with_numbers(self.law_numbers.model(self.shape), bare)
         yield base, None
-        yield from ((_changed(base, {name: getattr(self.unit, name)}), base) for name in self.sized)
+        yield from ((with_numbers(base, {name: getattr(self.unit, name)}), base) for name in self.sized)
 
     def model(self, sizes: NDArray[np.float64], viscous: float = 0.0) -> FrictionModel:
         """Return the friction model for columns of these sizes, shape (N,), and a viscous coefficient [N s/m]."""
@@ -184,7 +185,7 @@ class WholeLaw(LawForces):
         changes: dict[str, Any] = {VISCOUS: max(viscous, 0.0)}
         for name, size in zip(self.sized, sizes[1:].tolist(), strict=True):
             changes[name] = (size + ROUNDING * force) * getattr(self.unit, name)
-        return _changed(self.law_numbers.model(self.shape, force), changes)
+        return with_numbers(self.law_numbers.model(self.shape, force), changes)
 
 
 @dataclass(frozen=True)
@@ -220,7 +221,7 @@ class GridElements(LawForces):
             values = {"N/m": 1 / threshold, "N": 1.0, "1": 1.0}
             if self._dampers:
                 values["N s/m"] = ratio * getattr(model, self._dampers)[0] / threshold
-            yield _changed(model, {name: (values[unit],) for unit, name in lists_by_unit(model).items()}), None
+            yield with_numbers(model, {name: (values[unit],) for unit, name in lists_by_unit(model).items()}), None
 
     def element_forces(self, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the force of each threshold [N], whatever its damper, shape (E,)."""
@@ -240,7 +241,7 @@ class GridElements(LawForces):
         changes: dict[str, Any] = {VISCOUS: max(viscous, 0.0)}
         for unit, name in lists_by_unit(self.unit).items():
             changes[name] = tuple(np.bincount(owner, table[unit])[acts].tolist())
-        return _changed(relaxation, changes)
+        return with_numbers(relaxation, changes)
 
     def beside_spring(
         self, sizes: NDArray[np.float64], stiffness: float, swing: float
@@ -320,12 +321,6 @@ class FreeElements(LawForces):
         return replace(self, shape=self._rows[kept].ravel())
 
 
-def _changed(model: FrictionModel, values: Mapping[str, Any]) -> FrictionModel:
-    fields = {name: getattr(model, name) for name in model.model_fields_set}
-    known = {name: value for name, value in values.items() if name in type(model).model_fields}
-    return type(model)(**{**fields, **known})
-
-
 def rolling_elements(
     thresholds: NDArray[np.float64], relaxation: float | None = None, owner: NDArray[np.int64] | None = None
 ) -> GridElements:
@@ -346,7 +341,9 @@ def unit_law(law: Law, width: float, velocity: float) -> FrictionModel:
     model = rough_model(law, elements, velocity, with_damping=True) if isinstance(law, type) else law
     numbers = LawNumbers(model)
     scaled = numbers.model(numbers.coordinates, 1 / numbers.force(1.0)) if numbers.force(1.0) else model
-    return _changed(scaled, {name: (1.0,) for unit, name in lists_by_unit(scaled).items() if unit in (*EXPONENTS, "1")})
+    return with_numbers(
+        scaled, {name: (1.0,) for unit, name in lists_by_unit(scaled).items() if unit in (*EXPONENTS, "1")}
+    )
 
 
 def columns_of(unit: FrictionModel, thresholds: NDArray[np.float64], lowest_rate: float = 0.0) -> LawForces:

@@ -81,19 +81,24 @@ def numbers_of(model: Parameters, prefix: str = "") -> Iterator[Number]:
                 yield Number(path, each, unit_of_field(info), low or 0.0, np.inf if high is None else high)
 
 
-def with_numbers(model: Model, values: Mapping[str, float]) -> Model:
-    """Return a model with other values of some numbers, all at once: their bounds depend on each other."""
+def with_numbers(model: Model, values: Mapping[str, Any]) -> Model:
+    """Return a model with other values of some numbers or lists, all at once: their bounds depend on each other.
+
+    Those that it does not have are left out.
+    """
 
     def changed(value: Any, path: str) -> Any:
+        if path in values:
+            return values[path]
         if isinstance(value, tuple):
             return tuple(changed(each, f"{path}.{place}") for place, each in enumerate(value))
         if isinstance(value, Parameters):
             own = {name.removeprefix(f"{path}."): each for name, each in values.items() if name.startswith(f"{path}.")}
             return with_numbers(value, own)
-        return values.get(path, value)
+        return value
 
-    stated = model.model_fields_set | {name.partition(".")[0] for name in values}
-    return type(model)(**{name: changed(getattr(model, name), name) for name in stated})
+    named = {name.partition(".")[0] for name in values} & type(model).model_fields.keys()
+    return type(model)(**{name: changed(getattr(model, name), name) for name in model.model_fields_set | named})
 
 
 def nonzero_numbers(model: Parameters) -> tuple[str, ...]:
@@ -223,12 +228,7 @@ class LawNumbers:
         with np.errstate(over="ignore", invalid="ignore"):
             values = self.values(coordinates, force_scale).tolist()
         named = {each.name: value for each, value in zip(self.numbers, values, strict=True)}
-        return with_numbers(self.start, named | ({VISCOUS: viscous} if self.has_viscous else {}))
-
-    @property
-    def has_viscous(self) -> bool:
-        """Whether the model has a viscous coefficient."""
-        return VISCOUS in type(self.start).model_fields
+        return with_numbers(self.start, named | {VISCOUS: viscous})
 
 
 def estimated_numbers(model: FrictionModel) -> list[Number]:
