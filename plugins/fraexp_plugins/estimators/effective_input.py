@@ -185,13 +185,17 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=12):
                 raise ParameterError(f"effective_input.{place}{error}") from None
 
     def matched(self, machine: Mapping[str, object]) -> Self:
-        """Return the observer of the machine itself, about which nothing is uncertain."""
+        """Return the observer of the machine itself, about which nothing is uncertain: the same one if it is that."""
         stds = dict.fromkeys(("force_std", "displacement_std", "dead_time_std"), 0.0)
         certain: dict[str, object] = {**stds, "deviations": (), "correlation": ()}
         frictions = machine["friction"]
         if isinstance(frictions, Mapping):
             certain |= {"friction": None, "frictions": dict(frictions)}
-        return super().matched(machine).model_copy(update={**certain, "plant_deviations": ()})
+        else:
+            certain |= {"nominal_plant": None}
+        exact = super().matched(machine).model_copy(update={**certain, "plant_deviations": ()})
+        unstated = {name: 0.0 for name in stds if getattr(self, name) is None}
+        return self if self.model_copy(update=unstated).spec() == exact.spec() else exact
 
     def estimate(self, signals: Signals) -> Result:
         """Return y'/û_e at each frequency."""
