@@ -30,6 +30,9 @@ CHANNEL_UNITS = {
 compensation and the excitation add to the control input; the position reference where it moves."""
 MAX_ROUNDS = 12
 """Maximum number of times that an experiment is run whose excitation revises its periods."""
+MIN_PERIODS_TO_PROBE, PROBED_PERIODS = 60, 5
+"""Number of periods from which a few of the later ones are run before all are, to find the steps that they need: mostly
+those of higher frequencies, which need more of them, and take less time."""
 MAX_REFINEMENTS = 3
 """Maximum number of times that an experiment is run with shorter steps, if its check shows that it needs them."""
 
@@ -42,6 +45,11 @@ def simulate_loop(machine: Machine, excitation: Excitation, progress: Callable[[
     """
     setup = prepare_setup(machine)
     periods = tuple(excitation.periods(machine.loop.sample_time))
+    if excitation.rounds == 1 and len(periods) >= MIN_PERIODS_TO_PROBE:  # all are then run once, with enough steps
+        last = len(periods) - 1
+        few = [periods[number] for number in np.linspace(last / 2, last, PROBED_PERIODS).astype(int)]
+        probed = _simulate(machine, setup, excitation, few, lambda _: None)
+        setup = setup_with_steps(machine, setup, refined_steps(machine, setup, probed.verification))
     signals = _simulate(machine, setup, excitation, periods, progress)
     for _ in range(MAX_REFINEMENTS):
         steps = refined_steps(machine, setup, signals.verification)

@@ -160,20 +160,24 @@ class ObserverEstimator(DelayedEstimator, ABC):
         waiting, points = _examined(segments), LEAST_POINTS
         chosen, tried = dict[float, int](), dict[int, _TriedForce]()
         tolerance = TOLERANCE_RATIO * self.interpolation_tolerance
-        coarse = self._oversampled(points // 2)._friction_phasors(waiting)
+        finer = self._oversampled(points)
+        motions = finer._motions(waiting)
+        thinned, forces = finer._forces_along(waiting, _every_second_point(motions), motions)
+        coarse = finer._friction_phasors(waiting, thinned)
         while True:
             chosen |= {float(segment.frequency[0]): points for segment in waiting}
+            fine = finer._friction_phasors(waiting, forces)
+            found = (_TriedForce(of, finer._driving(of), force) for of, force in zip(waiting, forces, strict=True))
+            tried |= {id(each.segment): each for each in found}
+            given = zip(self.linear_phasors(waiting), coarse, fine, strict=True)
+            is_coarse = [_relative_change(*each) > tolerance for each in given]
+            waiting, coarse = list(itertools.compress(waiting, is_coarse)), list(itertools.compress(fine, is_coarse))
+            points *= 2
             if points == MOST_POINTS or not waiting:
                 break
             finer = self._oversampled(points)
             forces = finer._forces(waiting)
-            fine = finer._friction_phasors(waiting, forces)
-            given = zip(self.linear_phasors(waiting), coarse, fine, strict=True)
-            is_coarse = [_relative_change(*each) > tolerance for each in given]
-            found = (_TriedForce(of, finer._driving(of), force) for of, force in zip(waiting, forces, strict=True))
-            tried |= {id(each.segment): each for each in found}
-            waiting, coarse = list(itertools.compress(waiting, is_coarse)), list(itertools.compress(fine, is_coarse))
-            points *= 2
+        chosen |= {float(segment.frequency[0]): points for segment in waiting}
         return self._with_points(chosen, tried)
 
     def resolve_for(self, signals: Signals) -> Self:
@@ -250,7 +254,7 @@ class ObserverEstimator(DelayedEstimator, ABC):
         """
         found = [self._kept_force(segment) for segment in segments]
         missing = [segment for segment, force in zip(segments, found, strict=True) if force is None]
-        computed = iter(self._computed_forces(missing))
+        computed = iter(*self._forces_along(missing, self._motions(missing)) if missing else [()])
         return [next(computed) if force is None else force for force in found]
 
     def _kept_force(self, segment: Segment) -> NDArray[np.float64] | None:
@@ -262,18 +266,20 @@ class ObserverEstimator(DelayedEstimator, ABC):
         lags, points = self.output_time_constants, self.points(segment)
         return id(self.law), self.displacement_scale, self.noise, self.resolution, self.output, lags, points
 
-    def _computed_forces(self, segments: Sequence[Segment]) -> list[NDArray[np.float64]]:
+    def _motions(self, segments: Sequence[Segment]) -> list[list[Motion]]:
+        """Return the motion along each whole segment, and those of its single periods if noise tells them apart."""
         whole = [self.motion(segment) for segment in segments]
-        alone = [self._motions_of_periods(*pair) for pair in zip(segments, whole, strict=True)]
-        forces, found = iter(self.law.forces([*whole, *itertools.chain(*alone)])), []
-        for segment in segments:
-            found.append(next(forces).reshape(-1, segment.samples * self.points(segment)))
-        for number, own in enumerate(alone):
-            if own:
-                single = np.stack([next(forces) for _ in own])
-                mean = np.add.reduce(found[number], axis=0) / len(found[number])
-                found[number] = mean + single - np.add.reduce(single, axis=0) / len(single)
-        return found
+        return [[motion, *self._motions_of_periods(of, motion)] for of, motion in zip(segments, whole, strict=True)]
+
+    def _forces_along(
+        self, segments: Sequence[Segment], *motions: Sequence[Sequence[Motion]]
+    ) -> list[list[NDArray[np.float64]]]:
+        """Return the force along each segment for each of several sets of motions, which are run side by side."""
+        forces = iter(self.law.forces([motion for of_set in motions for own in of_set for motion in own]))
+        return [
+            [_with_scatter([next(forces) for _ in own], len(segment.channels[self.output])) for segment, own in pairs]
+            for pairs in (zip(segments, of_set, strict=True) for of_set in motions)
+        ]
 
     def _motions_of_periods(self, segment: Segment, whole: Motion) -> list[Motion]:
         """Return the motion of each single period, with the terms that stand out of the noise of the whole record."""
@@ -345,6 +351,22 @@ class ObserverEstimator(DelayedEstimator, ABC):
 def _examined(segments: Sequence[Segment]) -> Sequence[Segment]:
     """Return the segments that are tried: one of several realisations, which are alike."""
     return segments[:1] if any(segment.lines.size > 1 for segment in segments) else segments
+
+
+def _every_second_point(motions: Sequence[Sequence[Motion]]) -> list[list[Motion]]:
+    return [
+        [of._replace(displacement=of.displacement[::2], time_step=2 * of.time_step) for of in own] for own in motions
+    ]
+
+
+def _with_scatter(forces: Sequence[NDArray[np.float64]], periods: int) -> NDArray[np.float64]:
+    """Return the force along a record by its periods, with the scatter of those along single periods, if there are."""
+    whole, *single = forces
+    found = whole.reshape(periods, -1)
+    if not single:
+        return found
+    mean = np.add.reduce(found, axis=0) / len(found)
+    return np.asarray(mean + np.stack(single) - np.add.reduce(single, axis=0) / len(single))
 
 
 def _relative_change(
