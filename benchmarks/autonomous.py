@@ -25,6 +25,7 @@ from paper_machine import (
     REGISTRY,
     RESOLUTION_M,
     fitted,
+    is_sure,
     machine_of,
     metrics_of,
     response_of,
@@ -139,11 +140,11 @@ def _judge(bench: Bench, case: Case) -> None:
             return
         errors.append({name: abs(metrics[name] - truth) for name, truth in TRUTH.items()})
         shares.append(held(result))
-        verdicts.append(metrics["verdict"])
+        verdicts.append(is_sure(result))
     worst = {name: max(error[name] for error in errors) for name in TRUTH}
     share = {name: float(np.mean([each[name] for each in shares])) for name in shares[0]}
     slack = NARROW + chance(CONFIDENCE_LEVEL, count)
-    is_met = all(worst[name] <= bound for name, bound in BOUNDS.items()) and min(verdicts) == 1
+    is_met = all(worst[name] <= bound for name, bound in BOUNDS.items()) and all(verdicts)
     is_met &= worst["Coulomb force"] <= case.coulomb * 17.9 and min(share.values()) >= CONFIDENCE_LEVEL - slack
     text = f"k0 {worst['k0'] / 0.132:.3%}  f1 {worst['f1']:.4f} Hz  ΣF_m {worst['Coulomb force'] / 17.9:.2%}"
     text += f"  D {worst['viscous coefficient']:.2f} N s/m  "

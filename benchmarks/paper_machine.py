@@ -10,11 +10,12 @@ from harness import CONFIDENCE_STDS  # noqa: F401 - first of all imports: it kee
 
 from fraexp.components.kinds import Excitation, FrictionModel, Plant
 from fraexp.components.registry import create, discover
-from fraexp.data.results import FrequencyResponse, Result
+from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.data.signals import Signals
 from fraexp.execution.job import Failure, Job, run_job
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import Machine, build_machine
+from fraexp.study.accuracy import Accuracy
 from fraexp.study.study_file import packaged_studies
 
 REGISTRY = discover()
@@ -75,6 +76,11 @@ def response_of(result: Result) -> FrequencyResponse:
     if result.response is None:
         raise SystemExit(f"no response: {result.message}")
     return result.response
+
+
+def is_sure(result: Result) -> bool:
+    """Return whether a result is ok, with all errors that it states within the usual accuracy."""
+    return result.outcome is Outcome.OK and all(each.error <= Accuracy().relative_error for each in result.findings)
 
 
 def metrics_of(result: Result) -> dict[str, float]:

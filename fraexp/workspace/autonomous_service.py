@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from fraexp.components.measurement_settings import MeasurementSettings
-from fraexp.data.results import Result
+from fraexp.data.results import Outcome, Result
 from fraexp.data.rotary_axes import is_rotary, rotary_unit
 from fraexp.data.sample_file import SampleHeader
 from fraexp.errors import FraexpError, MachineError, StudyError
@@ -120,7 +120,7 @@ class AutonomousService:
 
     @property
     def is_good(self) -> bool:
-        """Whether the last measurement has ended with a verdict of 1."""
+        """Whether the last measurement has ended with a result that is ok."""
         return _is_good(self.result)
 
     def measure(self, fresh: bool = False) -> Generator[AutonomousEvent, None, None]:
@@ -312,9 +312,8 @@ def _modes(result: Result | None) -> tuple[list[float], list[float]]:
 
 
 def _is_good(result: Result | None) -> bool:
-    """Return whether the verdict of a result is 1."""
-    metrics = result.metrics if result else ()
-    return any(metric.name == "verdict" and metric.value == 1 for metric in metrics)
+    """Return whether there is a result, and it is ok."""
+    return result is not None and result.outcome is Outcome.OK
 
 
 def _knows_law(result: Result | None) -> bool:

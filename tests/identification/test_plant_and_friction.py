@@ -14,6 +14,7 @@ from fraexp.data.results import Outcome
 from fraexp.data.signals import Settling
 from fraexp.errors import RecordError
 from tests.identification.plant_responses import MACHINE, SCALE
+from tests.responses import judged
 
 PATH = {"input_dead_time": 1e-3}
 FORCE_NOISE = 0.05
@@ -41,7 +42,7 @@ def found(two_amplitudes):
 
 
 def identified(signals, **given):
-    return PlantAndFriction(**{**SCALE, **PATH, **given}).estimate(signals)
+    return judged(PlantAndFriction(**{**SCALE, **PATH, **given}), signals)
 
 
 def numbers(result):
@@ -68,7 +69,6 @@ def check_machine(result):
     assert metrics["f1"] == pytest.approx(38.8, abs=0.01)
     assert metrics["f2"] == pytest.approx(80.0, abs=0.02)
     assert metrics["Coulomb force"] == pytest.approx(17.9, rel=0.01)
-    assert metrics["verdict"] == 1
     assert metrics["scatter after"] < 0.01 * metrics["scatter before"]
 
 
@@ -159,7 +159,7 @@ def test_presliding_identifies_the_plant_and_names_what_it_does_not_identify(rec
 @pytest.mark.thorough
 def test_friction_of_another_kind_is_not_explained(recorded, friction):
     result = identified(recorded(stepped(12.0, 24.0, points=30), friction))
-    assert numbers(result)["verdict"] == 0
+    assert result.outcome is not Outcome.OK
     assert "no friction law explains" in result.message
 
 
@@ -170,7 +170,7 @@ def test_friction_of_another_kind_is_not_explained(recorded, friction):
 def test_a_wrong_statement_is_seen(two_amplitudes, given, words):
     """Half of the sample time makes a quarter of the mass, and nothing else contradicts it."""
     result = identified(two_amplitudes, **given)
-    assert numbers(result)["verdict"] == 0
+    assert result.outcome is Outcome.INACCURATE
     assert words in result.message
 
 

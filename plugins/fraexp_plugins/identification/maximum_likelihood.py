@@ -13,7 +13,6 @@ from fraexp.api import (
     FraexpError,
     FrictionModel,
     Metric,
-    Outcome,
     ParameterError,
     Plant,
     PositionDependentFriction,
@@ -98,7 +97,7 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=13)
     of the law's first preset where units do not imply any. If a law fits, those with a residual five times as large
     along the measured motion, or with a larger one and no fewer parameters, are not fitted further; laws that cannot
     run in lanes (elastoplastic, GMS) take minutes and are tried only if no other law fits. A law that cannot be
-    computed is named. `verdict` is 1 if a law fits. Use 16 frequencies or more, from presliding to gross sliding, or
+    computed is named. It is ok if a law fits. Use 16 frequencies or more, from presliding to gross sliding, or
     two amplitudes (`concatenated`).
 
     **Several contacts.** One thrust and one position do not show how friction at another contact moves the machine. So
@@ -196,7 +195,7 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=13)
         check_one_contact(signals, self.name)
         used, noise = self._used(signals)
         best, trials = _try_laws([self.problem(used, noise, model) for model in self._candidates(used, noise)])
-        return _with_verdict(self._report(best.problem, best.found).result(), best, trials)
+        return _with_trials(self._report(best.problem, best.found).result(), best, trials)
 
     @property
     def _is_open(self) -> bool:
@@ -393,7 +392,7 @@ def _select(signals: Signals, places: NDArray[np.bool_]) -> tuple[Segment, ...]:
     return tuple(segment for segment, is_chosen in zip(signals.segments, places, strict=True) if is_chosen)
 
 
-def _with_verdict(result: Result, best: LawCandidate, trials: Sequence[LawCandidate]) -> Result:
+def _with_trials(result: Result, best: LawCandidate, trials: Sequence[LawCandidate]) -> Result:
     """Return the result of the best law with what all of them leave."""
     fits, labels = best.fits, _labels(trials)
     pairs = list(zip(labels, trials, strict=True))
@@ -418,8 +417,7 @@ def _with_verdict(result: Result, best: LawCandidate, trials: Sequence[LawCandid
     ]
     result = replace(result, findings=()).with_findings(chosen, *failed, *result.findings, is_doubt=not fits)
     curves = [_held_out_curve(label, trial) for label, trial in pairs if trial.found]
-    is_right = float(fits and result.outcome is Outcome.OK)
-    metrics = (Metric("verdict", is_right, "1"), *_coulomb_force(result), *_table(pairs), *result.metrics)
+    metrics = (*_coulomb_force(result), *_table(pairs), *result.metrics)
     return replace(result, metrics=metrics, curves=(*curves, *result.curves))
 
 

@@ -5,7 +5,20 @@ from typing import Literal
 
 import numpy as np
 
-from fraexp.api import FrictionModel, Metric, Outcome, ParameterError, RecordError, Result, Signals, param, remarks
+from fraexp.api import (
+    CONVERGED,
+    MAX_ITERATIONS,
+    Finding,
+    FrictionModel,
+    Metric,
+    ParameterError,
+    Quantity,
+    RecordError,
+    Result,
+    Signals,
+    param,
+    remarks,
+)
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
@@ -25,8 +38,6 @@ MIN_AMPLITUDE_RATIO = 1.5
 MIN_SCATTER_RATIO, MAX_NOISE_SCATTER = 3.0, 0.2
 """Scatter of the records over that by noise from which friction is identifiable, and scatter by noise above which the
 motion is hidden."""
-MAX_DEAD_TIME_STEPS, DEAD_TIME_TOLERANCE = 4, 5e-3
-"""Fits of the dead time, each with the friction of the one before, and the step [samples] that is the last one."""
 
 
 class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=7):
@@ -38,7 +49,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=7):
     10(2), 1973, doi 10.1137/0710036; C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, 1974, ch. 23, doi
     10.1137/1.9781611971217). The law is a free set of elasto-slide elements (eqs 6-11) on a grid of thresholds, a
     convex problem without start values. With `law = "any"` the other laws of fraexp and dampers of the elements are
-    tried too, with `laws` and `starts` further ones; the one with the smallest residual is taken. The verdict is not ok
+    tried too, with `laws` and `starts` further ones; the one with the smallest residual is taken. The sweep is not ok
     if noise and rounding do not explain that residual.
 
     This does not separate a force that is linear in the motion from the plant. A rigid body with modes, eq (1), is
@@ -55,9 +66,10 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=7):
     With `validation` the last segments are held out: the metric `validation error` is the part of their control input
     that the identified plant and friction do not explain along the measured motion.
 
-    The verdict is 1 if the law explains the records, the plant explains P̂, the validation error is not above
-    `validation_tolerance`, and the 95 % intervals are within 1 % for k0, 0.2 Hz for f1 and 3 % for ΣF_m. Otherwise it
-    is 0, the outcome is inaccurate, and the message gives the reason. `scatter before`, `scatter after` and `noise
+    It is ok if the law explains the records, and what the plant leaves of P̂, the validation error, the scatter over the
+    records, and the 95 % bands of plant and Coulomb force are within the accuracy of the study.
+
+    `scatter before`, `scatter after` and `noise
     floor` are the medians over the lines of the relative scatter of P̂ over the records with and without friction, and
     of what noise explains; `ratio` is the residual over what is allowed for.
 
@@ -94,7 +106,6 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=7):
     )
     mass: float | None = param("kg", "moving mass of the data sheet, with which k0 is compared", None, above=0)
     validation: int = param("1", "how many of the last segments are predicted instead of fitted", 0, at_least=0)
-    validation_tolerance: float = param("1", "validation error that is acceptable", 0.03, above=0)
 
     expected_failures = dict.fromkeys(
         ("linear-plant", "result-units", "covariance", "outcome"),
@@ -111,7 +122,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=7):
                 raise ParameterError("plant_and_friction.laws: ", *error.args, "; give a model in `starts`") from None
 
     def estimate(self, signals: Signals) -> Result:
-        """Return P̂ with its band, plant, friction model, dead time and verdict."""
+        """Return P̂ with its band, plant, friction model and dead time."""
         signals.unit(self.input), signals.unit(self.output)
         if not signals.segments:
             return Result(signals.outcome, signals.findings)
@@ -166,13 +177,13 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=7):
     def _with_dead_time(self, signals: Signals, found: LawChoice) -> LawChoice:
         """Return the fit with the dead time that is left in P̂ no more; that of the law if no plant fits."""
         modal, start = self._modal(dead_time=None), found
-        for _ in range(MAX_DEAD_TIME_STEPS):
+        for _ in range(MAX_ITERATIONS):
             try:
                 step = self._plant(signals, found, modal).dead_time
             except RecordError:
                 return start
             found = replace(found, dead_time=max(found.dead_time + step, 0.0))
-            if abs(step) < DEAD_TIME_TOLERANCE * signals.segments[0].sample_time:
+            if abs(step) < CONVERGED * signals.segments[0].sample_time:
                 break
         return found
 
@@ -206,28 +217,25 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=7):
     def _result(
         self, signals: Signals, fresh: Signals, found: LawChoice, plant: IdentifiedPlant | None, remark: str
     ) -> Result:
-        """Return all that was found, with the verdict."""
+        """Return all that was found, with what makes it doubtful."""
         fitted = found.response(signals, (self.input, self.output))
         before = (*fitted.findings, *remarks(*found.failed))
         fitted = plant.fit if plant else fitted
         report = LawReport(found, plant, self.input_dead_time, self.mass)
-        doubts, validation = list(remarks(remark, *report.doubts())), []
+        found_errors, validation = list(report.errors()), []
         if self.validation and plant:
             error = self._validation_error(fresh, found, plant)
             validation = [Metric("validation error", error, "1")]
-            if not error <= self.validation_tolerance:
-                doubts += remarks(
-                    f"plant and friction leave {error:.1%} of the control input of fresh records unexplained; expected "
-                    f"{self.validation_tolerance:.1%} or less: friction may depend on the position, or limits allow "
-                    "too little motion"
-                )
-        outcome = signals.outcome if signals.outcome is not Outcome.OK else Outcome.INACCURATE if doubts else Outcome.OK
+            left = Quantity(100 * error, "%", "of the control input unexplained")
+            remedy = "friction may depend on the position, or limits allow too little motion"
+            found_errors.append(Finding("misfit", (left,), place="fresh records", remedy=remedy, error=error))
         metrics = (*report.metrics(), *validation)
-        return replace(
+        result = replace(
             fitted,
-            outcome=outcome,
-            findings=(*before, *(doubts or [report.summary()])),
-            metrics=(Metric("verdict", float(not doubts), "1"), *fitted.metrics[:2], *metrics, *fitted.metrics[2:]),
+            outcome=signals.outcome,
+            findings=(*before, *(each for each in fitted.findings if each.error), *found_errors, report.summary()),
+            metrics=(*fitted.metrics[:2], *metrics, *fitted.metrics[2:]),
             curves=(*report.curves(), *fitted.curves),
             fits=(*fitted.fits, report.friction()),
         )
+        return result.with_findings(remark, *report.contradictions(), is_doubt=True)
