@@ -46,7 +46,7 @@ def relative_file(file: Path, folder: Path) -> str:
 
 
 def record_study(tasks: Sequence[MeasurementTask], records: Sequence[Mapping[str, Any]], title: str) -> dict[str, Any]:
-    """Return the study that analyses the record of each task by the estimators of its study."""
+    """Return the study that analyses the record of each task by the estimators, and to the accuracy, of its study."""
     estimators = tasks[0].estimators
     if any(task.estimators != estimators for task in tasks):
         raise StudyError(
@@ -56,6 +56,7 @@ def record_study(tasks: Sequence[MeasurementTask], records: Sequence[Mapping[str
     limits = {name: value for name, value in tasks[0].limits.plain().items() if value is not None}
     several = {"grid": {"estimator": specs}} if len(specs) > 1 else {"estimator": specs[0]}
     several |= {"limits": limits} if limits else {}
+    several |= {name: dict(tasks[0].experiment[name]) for name in ("accuracy",) if name in tasks[0].experiment}
     if len(tasks) == 1:
         return {"title": title, "record": dict(records[0]), **several}
     cases = [{"label": task.label, "record": dict(record)} for task, record in zip(tasks, records, strict=True)]

@@ -25,6 +25,7 @@ from fraexp.measurement.unknown_axis import UnknownAxis
 from fraexp.measurement.watched_machine import connect_watched
 from fraexp.records.study_writer import renew_study
 from fraexp.simulation.motion_limits import MotionLimits
+from fraexp.study.accuracy import Accuracy
 from fraexp.study.resolution import Resolver
 from fraexp.study.study_file import describe_study, find_study, outline
 from fraexp.workspace.measurement_service import kept_text, missing_consents, results_at
@@ -106,6 +107,7 @@ class AutonomousService:
         self.settings = self._parsed_settings()
         self.is_rotary = is_rotary(self._sections)
         self.limits = MotionLimits.parse(self._sections["limits"], "limits", rotary=self.is_rotary)
+        self.accuracy = Accuracy.parse(self._sections.get("accuracy", {}), "accuracy")
         stem = f"{self._name.replace('/', '-')}-autonomous"
         self.files = MeasurementFiles(service.folder / "measurements", stem)
         self.path = service.folder / "studies" / f"{stem}.toml"
@@ -272,7 +274,9 @@ class AutonomousService:
         if validation:
             spec["validation"] = validation
         section = record_section(self.files.samples, points, self.path.parent, task)
-        data = record_study([replace(task, estimators=(spec,))], [section], f"{task.title}, measured autonomously")
+        asked = {"accuracy": self.accuracy.plain()} if self.accuracy != Accuracy() else {}
+        task = replace(task, estimators=(spec,), experiment={**task.experiment, **asked})
+        data = record_study([task], [section], f"{task.title}, measured autonomously")
         usual, self.path = self.path, renew_study(self.path, data)
         if self.path != usual:
             yield MeasurementNotice(kept_text(usual, self.path))

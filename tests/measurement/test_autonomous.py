@@ -20,6 +20,7 @@ from fraexp.measurement.motion_guard import MotionGuard
 from fraexp.measurement.unknown_axis import UnknownAxis
 from fraexp.measurement.watched_machine import WatchedMachine
 from fraexp.simulation.motion_limits import MotionLimits
+from fraexp.study.study_file import read
 from fraexp.workspace.autonomous_service import AutonomousService, EvaluationProgress
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.refusals import refused
@@ -177,6 +178,7 @@ def workspace_with(text: str, folder: Path) -> WorkspaceService:
         (STUDY.replace("[limits]", "[numerics]").partition("[numerics]")[0], ["[limits]"]),
         (STUDY + '[grid]\n"loop.noise" = [0.0, 1e-7]\n', ["cases", "grid"]),
         (STUDY.replace('"simulated"', '"simulatd"'), ["[measurement]", "'simulated'"]),
+        (STUDY + '[accuracy]\nmagnitude = "0 dB"\n', ["accuracy.magnitude"]),
     ],
 )
 def test_what_is_missing_is_said_at_once(text: str, names: list[str], tmp_path: Path) -> None:
@@ -206,11 +208,12 @@ def test_units_of_the_machine_are_read_before_it_starts(tmp_path: Path, monkeypa
 @pytest.mark.thorough
 def test_plant_and_friction_are_found_behind_the_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(autonomous_points, "MODE_OFFSETS", (-1.0, 1.0))
-    workspace = workspace_with(STUDY, tmp_path)
+    workspace = workspace_with(STUDY + '[accuracy]\nmagnitude = "0.4 dB"\n', tmp_path)
     service = AutonomousService(workspace, "axis")
     events = list(service.measure())
     assert service.is_good, service.result
     assert service.result is not None
+    assert read(service.path)["accuracy"]["magnitude"] == 0.4
     metrics: dict[str, Any] = {metric.name: metric.value for metric in service.result.metrics}
     assert metrics["k0"] == pytest.approx(0.132, rel=0.01)
     assert metrics["f1"] == pytest.approx(38.8, abs=0.2)

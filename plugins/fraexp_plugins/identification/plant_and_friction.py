@@ -69,9 +69,8 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=7):
     It is ok if the law explains the records, and what the plant leaves of P̂, the validation error, the scatter over the
     records, and the 95 % bands of plant and Coulomb force are within the accuracy of the study.
 
-    `scatter before`, `scatter after` and `noise
-    floor` are the medians over the lines of the relative scatter of P̂ over the records with and without friction, and
-    of what noise explains; `ratio` is the residual over what is allowed for.
+    `scatter before`, `scatter after` and `noise floor` are the medians over the lines of the relative scatter of P̂ over
+    the records with and without friction, and of what noise explains; `ratio` is the residual over what is allowed for.
 
     It needs stepped sines at two amplitudes (`concatenated`), a factor of 2 apart, the larger of which overcomes
     friction, or realisations of a multisine that does. A choice among laws needs three amplitudes or more, from nearly
@@ -179,10 +178,10 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=7):
         modal, start = self._modal(dead_time=None), found
         for _ in range(MAX_ITERATIONS):
             try:
-                step = self._plant(signals, found, modal).dead_time
+                dead_time = max(found.dead_time + self._plant(signals, found, modal).dead_time, 0.0)
             except RecordError:
                 return start
-            found = replace(found, dead_time=max(found.dead_time + step, 0.0))
+            step, found = dead_time - found.dead_time, replace(found, dead_time=dead_time)
             if abs(step) < CONVERGED * signals.segments[0].sample_time:
                 break
         return found
