@@ -106,8 +106,11 @@ class AutonomousService:
         self._sections = {**self._sections, **Resolver(self._file, service.registry).machine(cases[0], str(self._file))}
         self.settings = self._parsed_settings()
         self.is_rotary = is_rotary(self._sections)
-        self.limits = MotionLimits.parse(self._sections["limits"], "limits", rotary=self.is_rotary)
-        self.accuracy = Accuracy.parse(self._sections.get("accuracy", {}), "accuracy")
+        try:
+            self.limits = MotionLimits.parse(self._sections["limits"], "limits", rotary=self.is_rotary)
+            self.accuracy = Accuracy.parse(self._sections.get("accuracy", {}), "accuracy")
+        except FraexpError as error:
+            raise error.at(f"{self._file}, ") from None
         stem = f"{self._name.replace('/', '-')}-autonomous"
         self.files = MeasurementFiles(service.folder / "measurements", stem)
         self.path = service.folder / "studies" / f"{stem}.toml"
