@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fraexp.analysis.fourier import fourier_sums
 from fraexp.analysis.quantisation import grid_step
+from fraexp.analysis.tolerances import SIGNIFICANCE
 from fraexp.data.findings import Finding
 from fraexp.data.signals import Segment
 from fraexp.records.cutting import Cut
@@ -24,12 +25,8 @@ TOLERANCE = 0.01
 MAX_MISFIT = 3.0
 """Residual in standard deviations up to which the equation holds: a gain is off at all lines alike, so that more of
 them do not narrow it."""
-SIGNIFICANCE = 1e-3
-"""Chance at which noise alone makes an explanation of what contradicts nothing, or one better than another."""
 NUMERICAL_MISFIT = 1e-3
 """Misfit that Fourier sums and decimal numbers leave: explanations that leave less are equally good."""
-MAX_ERROR = 0.05
-"""Relative change of a column, at any line, that does no harm: a response may be wrong by 0.5 dB or 3 degrees."""
 MAX_SHIFT = 3
 """Samples by which a channel may be late or early: more is no fault of sampling order."""
 MAX_USUAL_GAIN = 1.4
@@ -76,6 +73,8 @@ class LoopFault(NamedTuple):
     """Column, or the record's sample time, over what it should be; of a compensation its force [N]."""
     samples: float = 0.0
     """Samples by which it is late, rows that are lost, or T of the low-pass 1/(1 + T (1 - z⁻¹)) that it has passed."""
+    error: float = 0.0
+    """Relative error of the response that it causes at most; 0 if that is not known."""
 
 
 @dataclass(frozen=True)
@@ -175,16 +174,15 @@ def find_fault(terms: LoopTerms, swapped: LoopTerms | None = None) -> LoopFault 
         return LoopFault(FaultKind.UNKNOWN) if before > MAX_MISFIT else None
     alike = best * np.sqrt(fdtri(free, free, chance))
     fault = next(fault for misfit, fault in found if misfit <= min(alike, MAX_MISFIT))
-    return None if _is_harmless(fault, terms) else fault
+    if fault.kind in (FaultKind.BEGUN_LATE, FaultKind.EXCITATION_FACTOR) and is_usual(fault.factor):
+        return None  # the response of u and y is right all the same
+    return fault._replace(error=_response_error(fault, terms))
 
 
-def _is_harmless(fault: LoopFault, terms: LoopTerms) -> bool:
-    """Return whether the response of u and y is right all the same."""
+def _response_error(fault: LoopFault, terms: LoopTerms) -> float:
     if fault.kind in SCALES:
-        return abs(fault.factor - 1) < MAX_ERROR
-    if fault.kind in (FaultKind.BEGUN_LATE, FaultKind.EXCITATION_FACTOR):
-        return is_usual(fault.factor)
-    return fault.kind in (*SHIFTS, *LAGS) and abs(fault.samples) * float(np.max(terms.angle)) < MAX_ERROR
+        return abs(fault.factor - 1)
+    return abs(fault.samples) * float(np.max(terms.angle)) if fault.kind in (*SHIFTS, *LAGS) else 0.0
 
 
 def _hypotheses(terms: LoopTerms, swapped: LoopTerms | None) -> Iterator[tuple[LoopFault, LoopTerms]]:
@@ -535,7 +533,7 @@ def fault_finding(fault: LoopFault, units: Mapping[str, str]) -> Finding:
         text = f"{DELAYED[fault.kind]} {size} sample{'' if size == '1' else 's'} {time}"
     else:
         text = TEXTS[fault.kind][0].format(factor=fault.factor, samples=fault.samples, unit=units["u"])
-    return Finding(WRONG, text=text, remedy=_remedy(fault, units))
+    return Finding(WRONG, text=text, remedy=_remedy(fault, units), error=fault.error)
 
 
 def _remedy(fault: LoopFault, units: Mapping[str, str]) -> str:

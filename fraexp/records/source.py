@@ -162,7 +162,7 @@ def load(experiment: Plain, files: Mapping[str, str], registry: Registry) -> Sig
     units = {name: str(channel["unit"]) for name, channel in parts[0]["channels"].items()}
     wrong = find_wrong_samples(found, units)
     unexpected = column_doubts(found, cuts, units, record.get("controller"))
-    are_doubtful = bool(unexpected) or any(2 * cut.doubtful > len(cut.lines) for cut in cuts)
+    are_doubtful = any(not each.error for each in unexpected) or any(2 * cut.doubtful > len(cut.lines) for cut in cuts)
     still, moving = _standstill(found, units), _unsettled(cuts)
     causes = {Outcome.NO_MOTION: still, Outcome.NOT_SETTLED: moving, Outcome.INACCURATE: are_doubtful}
     outcome = next((of for of, cause in causes.items() if cause), Outcome.OK)
