@@ -125,10 +125,8 @@ def plant_and_friction(bench: Bench) -> None:
 
 
 def _judge(bench: Bench, case: Case) -> None:
-    estimator, count = (
-        create(REGISTRY, Estimator, {"name": "plant_and_friction", **SCALE, **PATH}),
-        bench.options.records,
-    )
+    estimator = create(REGISTRY, Estimator, {"name": "plant_and_friction", **SCALE, **PATH})
+    count = bench.options.records
     errors, shares, verdicts, taken = [], [], [], 0.0
     for seed in range(bench.seed, bench.seed + count):
         signals, began = record(case, seed), time.perf_counter()

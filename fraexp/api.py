@@ -7,7 +7,7 @@ from fraexp.analysis.delays import hold_response, image_factor, path_response
 from fraexp.analysis.fourier import fourier_sums, phasors, record_spectrum
 from fraexp.analysis.quantisation import grid_step, phasor_variance, rounding_symmetry
 from fraexp.analysis.response import response_result, silence
-from fraexp.analysis.steady_motion import find_steady_motion
+from fraexp.analysis.steady_motion import steady_leakage, with_steady_motion
 from fraexp.analysis.tolerances import (
     COARSE_DIFFERENCE,
     CONVERGED,
@@ -109,7 +109,6 @@ __all__ = [
     "component_modules",
     "degrees_of_freedom",
     "did_you_mean",
-    "find_steady_motion",
     "fourier_sums",
     "frequency_text",
     "grid_step",
@@ -132,6 +131,8 @@ __all__ = [
     "significant_deviation",
     "silence",
     "simulate_loop",
+    "steady_leakage",
     "where",
+    "with_steady_motion",
     "workspace_path",
 ]

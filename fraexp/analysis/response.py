@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fraexp.analysis.fourier import PeriodicSpectrum, harmonic_phasors, mean_spectrum, response_covariance
 from fraexp.analysis.quantisation import line_variance
-from fraexp.analysis.steady_motion import find_steady_motion
+from fraexp.analysis.steady_motion import steady_leakage, with_steady_motion
 from fraexp.analysis.tolerances import ROUNDING, SIGNIFICANCE
 from fraexp.data.findings import Finding, at_worst
 from fraexp.data.frequency_text import frequency_text
@@ -144,6 +144,11 @@ def response_result(
     covariance, where = covariance + square[:, None, None] * (np.eye(2) / 2), square > scatter
     moving = "mean over the periods off by"
     settling = at_worst("still settling", frequency, where, transient, moving) if where.any() else None
+    moved = []
+    for name, unit in zip(names, units, strict=True) if repeated else ():
+        error = np.concatenate([steady_leakage(segment, name) for segment in repeated])
+        covariance, found = with_steady_motion(repeated, name, unit, error, frequency, ratio, covariance)
+        moved.append(found)
     settlings = [segment.settling for segment in signals.segments]
     lacks_amplitude = np.repeat([_lacks_amplitude(segment) for segment in signals.segments], lines)
     response = FrequencyResponse(
@@ -164,14 +169,11 @@ def response_result(
     )
     if silent.all() and signals.outcome is Outcome.OK:
         return Result(Outcome.NO_MOTION, (silence(frequency, silent),), response)
-    doubts = (
-        silence(frequency, silent) if silent.any() else None,
-        *(find_steady_motion(repeated, name, unit) for name, unit in zip(names, units, strict=True)),
-    )
-    found = Result(signals.outcome, (), response).with_findings(*doubts, is_doubt=True)
-    found = found.with_findings(settling, *signals.findings)
+    silenced = silence(frequency, silent) if silent.any() else None
+    result = Result(signals.outcome, (), response).with_findings(silenced, is_doubt=True)
+    result = result.with_findings(*moved, settling, *signals.findings)
     from_rest = any(known and known.time == 0 and known.settled for known in settlings)
-    return found.with_findings(Finding("from rest") if from_rest and not found.findings else None)
+    return result.with_findings(Finding("from rest") if from_rest and not result.findings else None)
 
 
 def silence(frequency: NDArray[np.float64], silent: NDArray[np.bool_]) -> Finding:

@@ -1,41 +1,49 @@
-"""Axes that move steadily while they are measured: a mean over periods takes the ramp for a sawtooth."""
+"""Steady motion during a record, which a mean over periods takes for a part of the response."""
 
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fraexp.data.findings import Finding, Quantity
+from fraexp.data.findings import Finding, Quantity, at_worst
 from fraexp.data.signals import Segment
 
-MIN_PERIODS = 2
-"""Periods from which a motion shows; two do not tell whether it is steady."""
-MAX_GAIN_SCATTER = 0.25
-"""Standard deviation of what a channel gains in a period, relative to the mean, up to which the motion is steady."""
-MAX_LEAKAGE = 0.1
-"""Error of a line, relative to it, above which a steady motion is told."""
-MIN_LINE_SHARE = 0.25
-"""Share of lines with such an error from which it is told: of a small drift, only few weak lines suffer."""
+
+def steady_gain(segment: Segment, name: str) -> float:
+    """Return how much a channel gains in each period, in the mean; 0 if one period alone, or settling, is known."""
+    periods = segment.channels.get(name)
+    if periods is None or segment.settling is not None or len(periods) < 2:
+        return 0.0
+    return float(np.diff(periods, axis=0).mean())
 
 
-def find_steady_motion(segments: Sequence[Segment], name: str, unit: str) -> Finding | None:
-    """Return how much a channel gains in each period, and at which lines that matters; None if nowhere.
+def steady_leakage(segment: Segment, name: str) -> NDArray[np.float64]:
+    """Return the relative error of a channel's mean phasors by what it gains in each period, shape (lines,)."""
+    periods = segment.channels.get(name, np.zeros((1, segment.samples)))
+    ramp = np.fft.rfft(steady_gain(segment, name) * np.arange(segment.samples) / segment.samples)[segment.lines]
+    line = np.abs(np.fft.rfft(periods.mean(axis=0))[segment.lines])
+    return np.divide(np.abs(ramp), line, out=np.zeros(line.size), where=line > 0)
 
-    Segments that state whether they had settled do not move on.
+
+def with_steady_motion(
+    segments: Sequence[Segment],
+    name: str,
+    unit: str,
+    error: NDArray[np.float64],
+    frequency: NDArray[np.float64],
+    response: NDArray[np.complex128],
+    covariance: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], Finding | None]:
+    """Return a covariance with the error by a steady motion where that is most of it, (n, 2, 2), and where that is.
+
+    The relative error, response and frequency [Hz] have the shape (n,).
     """
-    return next((found for segment in segments if (found := _motion(segment, name, unit))), None)
-
-
-def _motion(segment: Segment, name: str, unit: str) -> Finding | None:
-    if segment.settling is not None or name not in segment.channels or len(segment.channels[name]) < MIN_PERIODS:
-        return None
-    periods = segment.channels[name]
-    gains = np.diff(periods, axis=0).mean(axis=1)
-    gain = float(gains.mean())
-    if gain == 0 or np.std(gains) > MAX_GAIN_SCATTER * abs(gain):
-        return None
-    ramp = np.abs(np.fft.rfft(gain * np.arange(periods.shape[1]) / periods.shape[1]))[segment.lines]
-    off = ramp > MAX_LEAKAGE * np.abs(np.fft.rfft(periods.mean(axis=0)))[segment.lines]
-    if off.sum() <= MIN_LINE_SHARE * off.size:
-        return None
-    frequencies = tuple(map(float, segment.frequency[off]))
-    return Finding("steady motion", (Quantity(gain, unit, "each period"),), frequencies, off.size, f"'{name}'")
+    square = np.nan_to_num(error * np.abs(response)) ** 2
+    where = square > np.nan_to_num(np.trace(covariance, axis1=1, axis2=2))
+    if not where.any():
+        return covariance, None
+    gain = max((steady_gain(segment, name) for segment in segments), key=abs)
+    each = (Quantity(gain, unit, "each period"),)
+    words = "response off by about"
+    found = at_worst("steady motion", frequency, where, error, words, quantities=each, place=f"'{name}'")
+    return covariance + np.where(where, square, 0.0)[:, None, None] * (np.eye(2) / 2), found

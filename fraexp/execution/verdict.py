@@ -17,6 +17,7 @@ CAUSES = {
     "hidden by standstill": "band by friction",
     "leakage": "band by noise",
     "still settling": "band by noise",
+    "steady motion": "band by noise",
     "undetermined": "unknown band",
 }
 """Findings of what an estimator has put into the band, by their kinds, and the part of the band that contains it."""

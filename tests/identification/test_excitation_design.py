@@ -13,7 +13,7 @@ from fraexp_plugins.identification.excitation_design import (
     PlannedRecord,
     PlanSearch,
     planned_records,
-    repeated_share,
+    repeated_error,
 )
 
 from fraexp.components.kinds import Estimator, Excitation, FrictionModel, Plant
@@ -85,7 +85,7 @@ def test_a_repeated_period_tells_what_is_not_rounded_alike():
         periods = position + noise * random.standard_normal((200, position.size))
         errors = step * np.round(periods / step) - position
         found = np.mean(errors.mean(axis=0) ** 2) / np.mean(errors**2)  # 1/200 more of what is not repeated
-        assert repeated_share(noise, step) == pytest.approx(found, abs=0.02)
+        assert repeated_error(noise, step) == pytest.approx(found, abs=0.02)
     silent, noisy = (drawn_record(random, 1.0, 1.0, repeated) for repeated in (1.0, 0.0))
     once, often = (Plan((silent,), (count,)).standard_deviations() for count in (1, 9))
     np.testing.assert_array_equal(once, often)

@@ -1,6 +1,7 @@
 """What is said of the columns of a record that was played: each wrong one is named, and no right one is doubted."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,12 @@ from fraexp.measurement import measurement_plan
 from fraexp.measurement.excitation_files import ExcitationTable, excitation_table
 from fraexp.measurement.measurement_plan import MeasurementPlan, plan_points, planning_setup
 from fraexp.measurement.tasks import MeasurementTask
+from fraexp.records.loop_equation import WRONG
 from fraexp.simulation.experiment_run import LiveLoop, live_setup
 from fraexp.simulation.experiments import Experiment
 from fraexp.simulation.machine import build_machine
 from fraexp.simulation.motion_limits import Demand, MotionLimits
+from fraexp.study.accuracy import Accuracy
 from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.measurement.conftest import STUDY
@@ -62,9 +65,12 @@ class Played:
         return load_record(self.file, {**self.section, **changes}, self.registry)
 
     def message(self, u: Array, y: Array, **changes: Any) -> str:
+        """Return what is wrong with a record, if a response needs the usual accuracy."""
         signals = self.signals(u, y, **changes)
-        assert signals.outcome is (Outcome.INACCURATE if signals.message else Outcome.OK)
-        return signals.message
+        wrong = tuple(each for each in signals.findings if not 0 < each.error <= Accuracy().relative_error)
+        is_unsized = any(each.kind == WRONG and not each.error for each in wrong)
+        assert signals.outcome is (Outcome.INACCURATE if is_unsized else Outcome.OK)
+        return replace(signals, findings=wrong).message
 
 
 @pytest.fixture(scope="module")

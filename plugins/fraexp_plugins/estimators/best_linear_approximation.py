@@ -13,7 +13,7 @@ from fraexp_plugins.estimators._shared.realisations import (
 )
 
 
-class BestLinearApproximation(ReferencedEstimator, name="best_linear_approximation", version=1):
+class BestLinearApproximation(ReferencedEstimator, name="best_linear_approximation", version=2):
     """Ĝ = Ȳ/Ū from M random-phase realisations of P periods, with the scatter of both (robust method).
 
     The spectra are referred to the phase of the excitation, averaged over periods and realisations, and divided last.

@@ -9,7 +9,7 @@ from fraexp_plugins.estimators._shared.measured_motion import recorded_step, wit
 from fraexp_plugins.estimators._shared.neighbouring_lines import with_noise_of_neighbours
 
 
-class Conventional(PlantReferredEstimator, name="conventional", version=5):
+class Conventional(PlantReferredEstimator, name="conventional", version=6):
     """P̂ = y'/u by Fourier sums over whole periods, averaged (paper, Fig 3).
 
     It estimates the describing function of plant, friction and delays together: with friction the response depends on

@@ -26,7 +26,7 @@ MAX_GAIN_RATIO = 100.0
 """Ratio of |Ĝ|² among the detection lines of a level from which the band depends on what follows |Ĝ|²."""
 
 
-class FastBestLinearApproximation(ReferencedEstimator, name="fast_best_linear_approximation", version=3):
+class FastBestLinearApproximation(ReferencedEstimator, name="fast_best_linear_approximation", version=4):
     """Ĝ = Ȳ/Ū, with noise from the scatter of periods and nonlinear distortions from detection lines (fast method).
 
     At a detection line, which is not excited, E = Y - Ĝ U contains only noise and distortions; Ĝ U is the response to

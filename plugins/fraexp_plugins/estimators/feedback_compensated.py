@@ -9,7 +9,7 @@ from fraexp.api import Metric, RecordError, Result, Segment, Signals, param, pha
 from fraexp_plugins.estimators._shared.delayed_estimator import PlantReferredEstimator
 
 
-class FeedbackCompensated(PlantReferredEstimator, name="feedback_compensated", version=2):
+class FeedbackCompensated(PlantReferredEstimator, name="feedback_compensated", version=3):
     """P̂ = y'/(u - α f̂), where the loop adds α f̂(y') to the control input u to compensate friction.
 
     The method with a friction model-based compensation that is the paper's reference [10], as it is described there

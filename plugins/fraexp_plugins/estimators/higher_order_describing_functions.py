@@ -36,7 +36,7 @@ INCREMENT_FACTORS = 6.0, 3.0
 """Change of the response to a small harmonic by the distortion at ω, and that of H_1 by the distortion at kω."""
 
 
-class HigherOrderDescribingFunctions(PlantReferredEstimator, name="higher_order_describing_functions", version=3):
+class HigherOrderDescribingFunctions(PlantReferredEstimator, name="higher_order_describing_functions", version=4):
     """H_k = Y(kω) |U(ω)|^(k-1) / U(ω)^k for k = 1…7, from one sine after another.
 
     P. W. J. M. Nuij, O. H. Bosgra and M. Steinbuch, Higher-order sinusoidal input describing functions for the

@@ -4,19 +4,17 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fraexp.api import CURVE_POINTS, Curve, Finding, Fit, Metric, Quantity, Result, Signals
+from fraexp.api import CURVE_POINTS, Curve, Finding, Fit, Metric, Quantity, Result, Signals, significant_deviation
 from fraexp_plugins.friction._shared.element_model import ElementModel
 from fraexp_plugins.identification._friction_fit import FrictionFit
 from fraexp_plugins.identification._friction_rows import TERM_UNITS
 from fraexp_plugins.identification._law_forces import force_over_velocity, virgin_curve
 
-MAX_RELATIVE_STD = 2.0
-"""Relative standard deviation from which a parameter is not identifiable."""
 MIN_DEFLECTION_STEPS = 10.0
 """Quantisation steps that the presliding deflection should have."""
-MIN_CURVATURE_STDS, MIN_CURVATURE = 4.0, 0.05
-"""Standard deviations of a quadratic term, and its part of the viscous force at the largest speed, from which friction
-is not linear in the velocity."""
+MIN_CURVATURE = 0.05
+"""Part of a quadratic term in the viscous force at the largest speed from which friction is not linear in the velocity.
+Half of it remarks on friction whose D_v is right within 3 % at all velocities."""
 MIN_DEAD_TIME_SAMPLES = 0.05
 """Further dead time in samples on which there is a remark."""
 MAX_CURVE_SAMPLES = 2000
@@ -49,7 +47,7 @@ def _findings(fit: FrictionFit) -> Iterator[Finding | str]:
             yield Finding("not identifiable", steps, place="stiffness", remedy="use a finer encoder")
     else:
         pairs = zip(fit.numbers, np.sqrt(np.diag(fit.covariance)).tolist(), strict=True)
-        loose = [n.name for n, std in pairs if n.name not in TERM_UNITS and not std < MAX_RELATIVE_STD * abs(n.value)]
+        loose = [n.name for n, std in pairs if n.name not in TERM_UNITS and not fit.quantile * std < abs(n.value)]
         if loose:
             remedy = "vary the speed from presliding to sliding"
             yield Finding("not identifiable", place=", ".join(loose), remedy=remedy)
@@ -87,7 +85,7 @@ def _is_curved(fit: FrictionFit) -> bool:
     left = residual - value * own
     std = np.sqrt(left @ left / freedom * fit.problem.rows_per_noise / (own @ own))
     change = abs(value) * float(np.abs(velocity).max())
-    return bool(abs(value) > MIN_CURVATURE_STDS * std and change > MIN_CURVATURE * abs(fit.term("viscous")))
+    return bool(abs(value) > significant_deviation() * std and change > MIN_CURVATURE * abs(fit.term("viscous")))
 
 
 def _model_error(fit: FrictionFit) -> Finding:

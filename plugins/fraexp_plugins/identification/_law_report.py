@@ -35,12 +35,11 @@ from fraexp_plugins.identification._least_squares import derivatives
 from fraexp_plugins.identification._line_records import LawSolution, LineRecords
 from fraexp_plugins.identification._modal_model import GROUND
 from fraexp_plugins.identification._modal_solver import Solution
+from fraexp_plugins.identification._usable_records import FORCE_FLOOR
 from fraexp_plugins.identification.modal_fit import ModalFit
 
 MAX_RELATIVE_STD = 0.2
 """Relative standard deviation of P̂ above which its logarithm has no normal errors, and is not fitted."""
-MIN_PLANT_MODEL_ERROR = 3e-4
-"""Relative error of a plant's model that is allowed for in any case."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +139,7 @@ def _with_smaller_error(solution: Solution, model_error: float) -> Solution:
     data = solution.data
     if data.covariance is None:
         return solution
-    smaller = max(model_error * np.sqrt(min(solution.excess, 1.0)), min(MIN_PLANT_MODEL_ERROR, model_error))
+    smaller = max(model_error * np.sqrt(min(solution.excess, 1.0)), min(FORCE_FLOOR, model_error))
     return replace(solution, data=replace(data, covariance=data.covariance - (model_error**2 - smaller**2) * np.eye(2)))
 
 

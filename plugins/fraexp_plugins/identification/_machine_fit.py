@@ -243,9 +243,6 @@ def with_own_responses(found: Fitted) -> Fitted:
     return replace(whole, error=replay_error(whole, found))
 
 
-MAX_PARAMETER_STD = 0.5
-"""Relative standard deviation from which records do not tell a parameter: its 95 % interval reaches 0. With half of it
-one is held that is known to a quarter."""
 NUMBERS_OF_A_MODE = 3
 MAX_REFINEMENTS = 2
 """How often the replay's steps are refined, fourfold each time, while they falsify the result."""
@@ -303,7 +300,8 @@ def least_told(found: Fitted) -> str:
         return ""
     std = np.sqrt(np.diag(found.covariances[0])[: len(names)])
     place = int(np.argmax(std))
-    return names[place] if std[place] > MAX_PARAMETER_STD else ""
+    is_told = NORMAL_QUANTILE * std[place] < 1  # else its 95 % interval reaches 0, to first order
+    return "" if is_told else names[place]
 
 
 def _whole(problem: MachineProblem, fit: RecordFit, before: Fitted) -> Fitted:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import FrictionModel, ParameterError, Plant, ReplayModel, Signals, did_you_mean
+from fraexp_plugins.estimators._shared.effective_input_observer import TOLERANCE_RATIO
 from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_unit, parameter_value, with_parameters
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.none import Frictionless
@@ -21,9 +22,6 @@ NOISE = "noise"
 MAX_LOG, MAX_DEAD_TIME_SAMPLES = 5.0, 100.0
 """Bounds of the search: logarithm of a factor, change of the dead time in samples. They only keep numbers from
 overflowing that the records do not tell."""
-REPLAY_TOLERANCE_RATIO = 0.1
-"""Tolerance of the replay over that of y'/u, as the effective input may be a small part of the input. Half of it makes
-fits a third slower."""
 
 
 @dataclass(frozen=True)
@@ -226,7 +224,7 @@ class MachineProblem:
             self.sample_time,
             (observer.input_dead_time, observer.input_time_constants),
             (observer.output_dead_time, observer.output_time_constants),
-            REPLAY_TOLERANCE_RATIO * observer.interpolation_tolerance,
+            observer.interpolation_tolerance / TOLERANCE_RATIO,
         )
         return Models(plant, replay, ports=self.ports)
 

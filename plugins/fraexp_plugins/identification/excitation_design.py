@@ -28,6 +28,7 @@ from fraexp.api import (
     remarks,
     simulate_loop,
 )
+from fraexp_plugins.estimators._shared.measured_motion import repeated_share
 from fraexp_plugins.excitations.sine_list import SineList
 from fraexp_plugins.identification._likelihood import LinearRecord, interval_loss
 from fraexp_plugins.identification._machine_fit import FitReport
@@ -61,7 +62,7 @@ class PlannedRecord(NamedTuple):
     """Covariance of the error of 1/P̂ that is the record's own with the shared parameters, over that of the latter,
     shape (2, p): the record tells them, too."""
     repeated: float
-    """Share of the variance of a sample's error that is the same in each period; see `repeated_share`."""
+    """Share of the variance of a sample's error that is the same in each period; see `repeated_error`."""
 
     def time(self, count: int) -> float:
         """Return the time that so many periods take [s]; none if it is not measured.
@@ -85,7 +86,7 @@ def planned_records(fit: RecordFit, amplitudes: Sequence[float]) -> list[Planned
     state = State(np.zeros(len(fit.free.names)), tuple(np.zeros(record.count) for record in fit.records))
     fit = fit.with_needed_drifts(state)
     state = State(state.shared, tuple(np.zeros(record.count) for record in fit.records))
-    linear, repeated = fit.linearised_at(state), repeated_share(fit.noise, fit.resolution)
+    linear, repeated = fit.linearised_at(state), repeated_error(fit.noise, fit.resolution)
     found = []
     for amplitude, record, each, inverse, slopes in zip(
         amplitudes, fit.records, linear.records, linear.inverse, linear.inverse_slopes, strict=True
@@ -102,22 +103,9 @@ def planned_records(fit: RecordFit, amplitudes: Sequence[float]) -> list[Planned
     return found
 
 
-MAX_ORDER = 100
-"""Sines of the mean error of rounding: the rest has 1 % of its variance without noise, and none with any."""
-
-
-def repeated_share(noise: float, resolution: float) -> float:
-    """Return the share of the variance of samples' errors that each period repeats, for noise and encoder step [m].
-
-    Without noise a period is rounded as the one before. The mean error of rounding after Gaussian noise is a sum of
-    sines of the position, whose amplitudes q/(πk) fall by exp(-2π²k²σ²/q²) (B. Widrow and I. Kollár, Quantization
-    Noise, 2008).
-    """
-    if not resolution:
-        return 0.0
-    order, ratio = np.arange(1, MAX_ORDER + 1), noise / resolution
-    mean = float(np.sum(np.exp(-((2 * np.pi * order * ratio) ** 2)) / order**2))
-    return mean / float(np.sum(1.0 / order**2)) / (1 + 12 * ratio**2)
+def repeated_error(noise: float, resolution: float) -> float:
+    """Return the share of the variance of samples' errors that each period repeats, for noise and encoder step [m]."""
+    return repeated_share(resolution, noise) / (1 + 12 * (noise / resolution) ** 2) if resolution else 0.0
 
 
 def _information(

@@ -8,10 +8,8 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import MAX_ITERATIONS, ParameterError, Parameters, did_you_mean, param
+from fraexp.api import MAX_ITERATIONS, ROUNDING, ParameterError, Parameters, did_you_mean, param
 
-CORRELATION_TOLERANCE = 1e-6
-"""Deviation from symmetry, and size of negative eigenvalues, that rounding may cause in a correlation matrix."""
 Model = TypeVar("Model", bound=Parameters)
 
 
@@ -73,12 +71,9 @@ def correlation_matrix(correlation: Sequence[Sequence[float]], count: int) -> ND
             f"correlation has rows of {rows} numbers; expected {count} rows of {count}, one for each deviation"
         )
     matrix = np.array(correlation, dtype=float)
-    if (
-        np.abs(matrix - matrix.T).max() > CORRELATION_TOLERANCE
-        or np.abs(np.diag(matrix) - 1).max() > CORRELATION_TOLERANCE
-    ):
+    if np.abs(matrix - matrix.T).max() > ROUNDING or np.abs(np.diag(matrix) - 1).max() > ROUNDING:
         raise ParameterError("correlation: expected a symmetric matrix with 1 on its diagonal")
-    if np.linalg.eigvalsh(matrix)[0] < -CORRELATION_TOLERANCE:
+    if np.linalg.eigvalsh(matrix)[0] < -ROUNDING:
         raise ParameterError("correlation has a negative eigenvalue; expected a positive semi-definite matrix")
     return matrix
 
@@ -90,7 +85,7 @@ def covariance_root(
     check_deviations(model, deviations, correlation)
     values, vectors = np.linalg.eigh(correlation_matrix(correlation, len(deviations)))
     sizes = np.array([each.in_si_units(model) for each in deviations])
-    is_free = values > CORRELATION_TOLERANCE
+    is_free = values > ROUNDING
     return np.asarray(sizes[:, None] * vectors[:, is_free] * np.sqrt(values[is_free]))
 
 

@@ -20,10 +20,11 @@ from fraexp.api import (
     Segment,
     Settling,
     Signals,
-    find_steady_motion,
     param,
     phasors,
     silence,
+    steady_leakage,
+    with_steady_motion,
 )
 from fraexp_plugins.estimators._shared.delayed_estimator import PlantReferredEstimator
 
@@ -69,8 +70,12 @@ class BroadbandEstimator(PlantReferredEstimator, ABC):
 
     def _checked_part(self, signals: Signals, group: Group) -> Part:
         found = self.part(signals, group)
-        moving = None if self.removes_motion else find_steady_motion(group, self.output, signals.unit(self.output))
-        return replace(found, doubts=(moving, *found.doubts)) if moving else found
+        error = np.max([steady_leakage(segment, self.output) for segment in group], axis=0)
+        if self.removes_motion or error.size != found.frequency.size:
+            return found
+        measured = found.frequency, found.response, found.covariance
+        covariance, moving = with_steady_motion(group, self.output, signals.unit(self.output), error, *measured)
+        return replace(found, covariance=covariance, remarks=(*found.remarks, moving)) if moving else found
 
     @abstractmethod
     def part(self, signals: Signals, group: Group) -> Part:
