@@ -15,8 +15,6 @@ from fraexp.views.fields import run_duration_text, run_state_text
 from fraexp.views.listing import complete_field, listing_columns
 from fraexp.views.words import plural, timestamp_text
 
-COLUMNS = ["run", "study", "state", "sweeps", "computed", "reused", "failed", "unusable", "started", "took"]
-
 SORT_KEYS: dict[str, Callable[[RunSummary], Any]] = {
     "run": lambda run: run.number,
     "study": lambda run: run.study,
@@ -29,7 +27,7 @@ SORT_KEYS: dict[str, Callable[[RunSummary], Any]] = {
     "started": lambda run: run.started,
     "took": lambda run: (run.ended or run.heartbeat) - run.started,
 }
-"""What runs can be sorted by: their columns."""
+"""The columns of runs, by which they can be sorted."""
 
 
 def execute(arguments: Namespace) -> ExitCode:
@@ -52,7 +50,7 @@ def _list_runs(arguments: Namespace) -> None:
     if arguments.json:
         print_json({"runs": [run_document(run) for run in runs]})
     elif runs:
-        print_table(COLUMNS, [_run_row(run) for run in runs])
+        print_table(list(SORT_KEYS), [_run_row(run) for run in runs])
     else:
         say("no runs yet; start one with: fraexp run STUDY")
 

@@ -28,7 +28,7 @@ def loads(text: str) -> dict[str, Any]:
         data = tomllib.loads(text)
     except RecursionError:
         raise ValueError(f"it is nested deeper than {MAX_DEPTH} levels") from None
-    _check(data)
+    check_plain(data)
     return data
 
 
@@ -75,9 +75,10 @@ def as_text(data: Any) -> str:
     return repr(data)
 
 
-def _check(data: Any) -> None:
+def check_plain(data: Any, levels: int = MAX_DEPTH) -> None:
+    """Raise ValueError for plain data that nest deeper, or have a whole number of more than 64 bits."""
     level = [data]
-    for _ in range(MAX_DEPTH):
+    for _ in range(levels):
         inner: list[Any] = []
         for one in level:
             if isinstance(one, dict):
@@ -88,4 +89,4 @@ def _check(data: Any) -> None:
                 raise ValueError(f"a whole number has {one.bit_length()} bits; expected 64 at most")
         level = inner
     if level:
-        raise ValueError(f"it is nested deeper than {MAX_DEPTH} levels")
+        raise ValueError(f"it is nested deeper than {levels} levels")

@@ -3,13 +3,14 @@
 import json
 import re
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import fields
 from functools import cache
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from sqlalchemy import Dialect, LargeBinary
 
+from fraexp.data.toml import check_plain
 from fraexp.errors import StoreError
 
 Json = Any
@@ -19,8 +20,6 @@ JsonTable = dict[str, Any]
 RecordType = TypeVar("RecordType")
 MAX_DEPTH = 64
 """Maximum nesting of stored plain data."""
-INTEGER_LIMIT = 2**64
-"""Whole numbers in stored plain data are smaller."""
 OPENING_BRACKETS = ("[", "{")
 LONG_DIGITS = re.compile(r"\d{20}")
 """Digits that may be a whole number of more than 64 bits, or part of something else."""
@@ -64,25 +63,8 @@ def parse_json(text: str) -> object:
     """Return the plain data in a JSON text; ValueError if it is invalid, too deep, or has too large numbers."""
     data = json.loads(text)
     if sum(map(text.count, OPENING_BRACKETS)) > MAX_DEPTH or LONG_DIGITS.search(text):
-        _check_json(data)
+        check_plain(data, MAX_DEPTH)
     return data
-
-
-def _check_json(data: object) -> None:
-    level = [data]
-    for _ in range(MAX_DEPTH):
-        inner: list[object] = []
-        for one in level:
-            if isinstance(one, Mapping):
-                inner += one.values()
-            elif isinstance(one, list):
-                inner += one
-            elif isinstance(one, int) and abs(one) >= INTEGER_LIMIT:
-                raise ValueError(f"a whole number has {one.bit_length()} bits")
-        level = inner
-        if not level:
-            return
-    raise ValueError(f"data are nested deeper than {MAX_DEPTH} levels")
 
 
 class CheckedBytes(LargeBinary):
