@@ -64,6 +64,10 @@ MIN_HARMONIC_SAMPLES = 10
 """Samples of a cycle of the highest harmonic: with fewer the law's force is wrong by more than `FORCE_FLOOR`."""
 
 
+KEPT_FORCES = 16
+"""Forces of a law that are kept: those of one point of a search and of its derivatives."""
+
+
 class MotionRecords:
     """Records whose lines, with odd harmonics, show the force of friction along the measured motion beside the plant.
 
@@ -82,7 +86,7 @@ class MotionRecords:
         self.thrust = np.concatenate([each.mean(axis=0) for each in bare.linear_phasors(self._segments)])
         self.output = np.concatenate([phasors(s, bare.output).mean(axis=0) for s in self._segments])
         self._factor = bare.force_factor(self._omega)
-        self._driven: tuple[object, NDArray[np.complex128]] = None, np.empty(0, dtype=complex)
+        self._driven = dict[tuple[str, float], NDArray[np.complex128]]()
         self._periods = [len(segment.channels[bare.output]) for segment in self._segments]
         counts = [segment.lines.size for segment in self._segments]
         amplitudes = [np.sqrt(2 * np.mean(segment.channels[bare.input] ** 2)) for segment in self._segments]
@@ -102,17 +106,19 @@ class MotionRecords:
         return self._omega.size
 
     def law_force(self, law: FrictionModel, scales: tuple[float, float] = (1.0, 1.0)) -> NDArray[np.complex128]:
-        """Return the force of a law [N] at all lines, without viscous friction, shape (n,); the last one is kept."""
-        key, (force_scale, displacement_scale) = (repr(law), scales), scales
-        if self._driven[0] == key:
-            return self._driven[1]
-        forces = law.forces([_scaled_motion(motion, displacement_scale) for motion in self._motions])
-        sums = [
-            fourier_sums(force.reshape(periods, -1), segment.lines).mean(axis=0)
-            for force, segment, periods in zip(forces, self._segments, self._periods, strict=True)
-        ]
-        self._driven = key, np.asarray(force_scale * self._factor * np.concatenate(sums))
-        return self._driven[1]
+        """Return the force of a law [N] at all lines, without viscous friction, shape (n,); the last ones are kept."""
+        still = law.model_copy(update={VISCOUS: 0.0}) if VISCOUS in type(law).model_fields else law
+        key, (force_scale, displacement_scale) = (repr(still), scales[1]), scales
+        if key not in self._driven:
+            forces = still.forces([_scaled_motion(motion, displacement_scale) for motion in self._motions])
+            sums = [
+                fourier_sums(force.reshape(periods, -1), segment.lines).mean(axis=0)
+                for force, segment, periods in zip(forces, self._segments, self._periods, strict=True)
+            ]
+            if len(self._driven) >= KEPT_FORCES:
+                del self._driven[next(iter(self._driven))]
+            self._driven[key] = np.asarray(self._factor * np.concatenate(sums))
+        return force_scale * self._driven[key]
 
     def viscous_force(self, law: FrictionModel) -> NDArray[np.complex128]:
         """Return the viscous force of a law [N] at all lines, shape (n,)."""
@@ -451,16 +457,17 @@ class _Search:
         return np.pad(np.diag(weights), ((0, 0), (0, len(self.free.plant))))
 
 
-def fits_along_motion(problem: MachineProblem) -> list[MotionFit]:
+def fits_along_motion(problem: MachineProblem, begin: int = 0, end: int = MAX_STARTS) -> list[MotionFit]:
     """Return plant and friction with which a law explains the measured motion, from the best starts, the best first.
 
+    The starts are those from `begin` on before `end`; none is tried after one that explains the motion.
     The one position of a machine with several contacts does not say how each of them moves: its start is the given one.
     """
     if problem.frictions:
         assert problem.nominal_plant is not None
         return [MotionFit(problem.nominal_plant, np.zeros(len(problem.free.names)), np.nan)]
     records, found = MotionRecords.of(problem), list[MotionFit]()
-    for start in islice(_starts(problem, records.observer), MAX_STARTS):
+    for start in islice(_starts(problem, records.observer), begin, end):
         found.append(_fit_from(problem, records, start))
         if found[-1].residual < EXPLAINED:
             break

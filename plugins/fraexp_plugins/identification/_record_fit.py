@@ -30,12 +30,9 @@ MOTION_DIFFERENCE, MAX_FORCE_DIFFERENCE = 0.3, 0.02
 greatest share of the input, over which friction is nearly linear."""
 FIRST_RADIUS = 0.2
 """Largest first step of a shared logarithm, of a force over the control input, and of a drift over the motion."""
-LENGTHS = np.array([1.0, 0.5, 0.25, 0.1, 0.03])
-"""Lengths of a step that are tried side by side, in the lanes of one simulation. Half of them end a search earlier: at
-bands that are 4 % narrower."""
 RADIUS_FACTOR, MIN_RADIUS = 2.0, 1e-3
-"""Factor on the radius over the length of the step that helped, and the radius that is small enough to end. After one
-that no length makes better the radius is that of the shortest."""
+"""Factor on the radius after a step that helped, whose square divides it after one that did not, and the radius that is
+small enough to end."""
 MAX_SMALL_GAINS = 3
 """Maximum number of steps in a row that gain little, as elements take that share a force in ways that hardly differ."""
 LAST_GAIN = 0.5
@@ -121,18 +118,19 @@ class RecordFit:
         radius, small, is_exact = 1.0, 0, known is None
         state, positions = self._with_drifts(state)
         linear = self.linearise(state, positions, known)
-        for step in range(MAX_ITERATIONS):
-            if gives_up and step == FIRST_STEPS and self.mean_ratio(linear) > HOPELESS_RATIO:
+        for count in range(MAX_ITERATIONS):
+            if gives_up and count == FIRST_STEPS and self.mean_ratio(linear) > HOPELESS_RATIO:
                 break
-            move = self._improve(state, linear, radius)
-            radius *= move.radius_factor
+            move, is_explained = self._move(state, linear, radius), self._is_explained(linear)
             small = small + 1 if move.gain < LAST_GAIN else 0
-            if radius < MIN_RADIUS or small > MAX_SMALL_GAINS or (small and self._is_explained(linear)):
+            if move.radius < MIN_RADIUS or small > MAX_SMALL_GAINS or (is_explained and not move.is_worth_it):
                 break
-            state, positions = move.state, move.positions or positions
-            if move.is_as_promised:
+            radius = move.radius
+            if move.gain > 0:
+                state, positions = move.state, move.positions
+            if move.gain > 0 and move.is_as_promised:
                 linear, is_exact = self._records_after(linear, move), False
-            elif move.gain or not is_exact:
+            elif move.gain > 0 or not is_exact:
                 linear, is_exact = self.linearise(state, positions), True
         return state, linear
 
@@ -160,37 +158,23 @@ class RecordFit:
             own.append(values + np.concatenate([np.zeros(record.forces), drift]))
         return State(state.shared, tuple(own)), positions
 
-    def _improve(self, state: State, linear: LinearisedFit, radius: float) -> "_Move":
-        """Return the best move along a step: the whole one if it gains what it promises, else one of several lengths.
-
-        It stays where nothing is better, and where a step promises too little of records that are explained.
-        """
+    def _move(self, state: State, linear: LinearisedFit, radius: float) -> "_Move":
+        """Return the move along the step to the greatest likelihood of the linearised records, within the radius."""
         shared, own = self._radii(radius)
         step = fit_linear(linear.records, shared, own, self._held(np.zeros(shared.size)))
-        stay = _Move(state, [], 0.0, RADIUS_FACTOR * LENGTHS[-1])
         if step.gain < LAST_GAIN and self._is_explained(linear):
-            return stay._replace(radius_factor=1.0)
-        relative = [
-            np.abs(a / b).max(initial=0.0) for a, b in zip((step.shared, *step.own), (shared, *own), strict=True)
-        ]
-        states = [self._state_along(state, step, length) for length in LENGTHS / max(*relative, 1.0)]
-        whole = self._moves(states[:1], RADIUS_FACTOR * LENGTHS, linear)
-        if whole[0].gain > EXPECTED_SHARE * step.gain:
-            is_small = bool(np.abs(step.shared).max(initial=0.0) < SMALL_STEP and max(*relative, 0.0) <= 1)
-            return whole[0]._replace(is_as_promised=is_small)
-        moves = whole + self._moves(states[1:], RADIUS_FACTOR * LENGTHS[1:], linear)
-        best = max(moves, key=lambda move: move.gain)
-        return best if best.gain > 0 else stay
-
-    def _moves(self, states: Sequence[State], factors: NDArray[np.float64], linear: LinearisedFit) -> list["_Move"]:
-        """Return the moves to states from one around which the records are known."""
-        before = self._loss([record.residual for record in linear.records], linear)
-        moves = []
-        for each, positions, factor in zip(states, self._positions(states), factors, strict=False):
-            pairs = zip(self.records, each.own, positions, strict=True)
-            loss = self._loss([record.residual(own, y) for record, own, y in pairs], linear)
-            moves.append(_Move(each, positions, before - loss, factor))
-        return moves
+            return _Move(state, [], 0.0, radius)
+        pairs = zip((step.shared, *step.own), (shared, *own), strict=True)
+        size = max(float(np.abs(change / allowed).max(initial=0.0)) for change, allowed in pairs)
+        after = self._state_along(state, step, 1 / max(size, 1.0))
+        (positions,) = self._positions([after])
+        pairs = zip(self.records, after.own, positions, strict=True)
+        residuals = [record.residual(own, position) for record, own, position in pairs]
+        gain = self._loss([record.residual for record in linear.records], linear) - self._loss(residuals, linear)
+        is_good = gain > EXPECTED_SHARE * step.gain
+        is_small = float(np.abs(step.shared).max(initial=0.0)) < SMALL_STEP and size <= 1
+        factor = RADIUS_FACTOR if gain > 0 else min(size, 1.0) / RADIUS_FACTOR**2
+        return _Move(after, positions, gain, factor * radius, gain >= LAST_GAIN or gain <= 0, is_good and is_small)
 
     def _records_after(self, linear: LinearisedFit, move: "_Move") -> LinearisedFit:
         """Return the records around a state near by, with the derivatives as they were."""
@@ -395,10 +379,12 @@ class _Move(NamedTuple):
 
     state: State
     positions: list[NDArray[np.float64]]
-    """Positions of the replays there [m], shape (n,) each; none if it stays."""
+    """Positions of the replays there [m], shape (n,) each."""
     gain: float
-    """Log-likelihood that it gains."""
-    radius_factor: float
-    """Factor on the radius of the next one."""
+    """Log-likelihood that it gains; it is not made if that is not more than 0."""
+    radius: float
+    """Radius of the next one."""
+    is_worth_it: bool = False
+    """Whether records that are explained need it, or one that is shorter."""
     is_as_promised: bool = False
     """Whether it is small, and gains what the linearised records promise: their derivatives still hold."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,10 +50,12 @@ from fraexp_plugins.identification._machine_problem import (
 )
 from fraexp_plugins.identification._motion_start import (
     EXPLAINED,
+    MAX_STARTS,
     MotionFit,
     RoughFriction,
     fits_along_motion,
     rough_friction,
+    spread_records,
 )
 from fraexp_plugins.identification._usable_records import (
     HELD_OUT_STEP,
@@ -340,10 +343,11 @@ class LawCandidate:
         is_simple = self.motion_residual <= other.motion_residual and self.free <= other.free
         return self.fits and (is_far or is_simple)
 
-    def begun(self, kept: Signals) -> "LawCandidate":
-        """Return how the law explains the measured motion of the records that are kept."""
+    def begun(self, kept: Signals, start: int) -> "LawCandidate":
+        """Return how the law explains the measured motion of the records that are kept, from one start more."""
         try:
-            return replace(self, along=fits_along_motion(replace(self.problem, signals=kept)))
+            found = fits_along_motion(replace(self.problem, signals=kept), start, start + 1)
+            return replace(self, along=sorted([*self.along, *found], key=lambda each: each.residual))
         except FraexpError as error:  # the other laws go on
             return replace(self, failure=str(error))
 
@@ -373,11 +377,13 @@ def _try_laws(problems: Sequence[MachineProblem]) -> tuple[LawCandidate, list[La
         )
     held_out = np.arange(len(signals.segments)) % HELD_OUT_STEP == HELD_OUT_STEP // 2
     kept, others = (replace(signals, segments=_select(signals, chosen)) for chosen in (~held_out, held_out))
-    trials = [LawCandidate(problem) for problem in problems]
+    kept, trials = spread_records(kept), [LawCandidate(problem) for problem in problems]
     for is_fast in (True, False):
         group = [place for place, trial in enumerate(trials) if trial.model.is_vectorisable is is_fast]
-        for place in group if not any(trial.fits for trial in trials) else ():
-            trials[place] = trials[place].begun(kept)
+        for start, place in product(range(MAX_STARTS), group if not any(trial.fits for trial in trials) else ()):
+            is_explained = min(trial.motion_residual for trial in trials) < EXPLAINED
+            if not start or not (is_explained or trials[place].failure):
+                trials[place] = trials[place].begun(kept, start)
         for place in sorted(group, key=lambda each: trials[each].motion_residual):
             if trials[place].along and not any(other.beats(trials[place]) for other in trials):
                 trials[place] = trials[place].carried(kept, others)
