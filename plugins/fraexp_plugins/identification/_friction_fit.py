@@ -155,12 +155,6 @@ def regress(
     )
 
 
-def least_squares(columns: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the coefficients of the columns, shape (p,)."""
-    scale = np.sqrt(np.add.reduce(columns**2, axis=0) / len(columns))
-    return np.asarray(np.linalg.lstsq(columns / scale, force, ROUNDING)[0] / scale)
-
-
 MAX_NOISE_RATIO = 3.0
 """Error over that by the channels' noise up to which noise explains it."""
 MAX_ERROR_RATIO = 0.8

@@ -1,5 +1,6 @@
 """Records of force and motion, and the rows of a regression that they give."""
 
+import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import Finding, Quantity, RecordError, Segment, Signals, grid_step
-from fraexp_plugins.identification._usable_records import HELD_OUT_STEP
+from fraexp.api import ROUNDING, Finding, Quantity, RecordError, Segment, Signals, grid_step
+from fraexp_plugins.identification._usable_records import FORCE_FLOOR, HELD_OUT_STEP
 
 CYCLE_STROKE_RATIO = 0.25
 """Swing over the stroke with which a reversal begins another cycle."""
@@ -463,3 +464,69 @@ def _standstill_time(record: FrictionRecord, speed: float) -> float:
     turns = turning_points(record.displacement, speed * record.sample_time).size
     slow = int(np.sum(np.abs(record.velocity) < STANDSTILL_SPEED_RATIO * speed))
     return (1 + slow / max(turns, 1)) * record.sample_time
+
+
+def speed_quantile(velocity: NDArray[np.float64], share: float) -> float:
+    """Return the speed [m/s] below which this part of the travel takes place: dwells at the ends do not count."""
+    ordered = np.sort(np.abs(velocity))
+    travel = np.cumsum(ordered)
+    return float(ordered[np.searchsorted(travel, share * travel[-1])]) if ordered.any() else 1.0
+
+
+MIN_SLIDING_RATIO = 0.03
+"""Slowest over fast sliding."""
+MIN_STEPS_PER_SAMPLE = 4.0
+"""Quantisation steps per sample in the slowest sliding: with fewer steps its direction is uncertain."""
+START_FRACTIONS = 0.0, 1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4
+"""Parts of a record between which its start may end; the rest of it is fitted."""
+MIN_START_RATIO, MIN_NEXT_RATIO = 4.0, 2.0
+"""Residual in a part over that in the rest, root mean squares, from which the start is disturbed, and a next part."""
+MIN_REST_ROWS = 60
+"""Rows of the rest of a record of which the residual tells something."""
+
+
+def slides(records: Sequence[FrictionRecord], presliding_distance: float) -> tuple[NDArray[np.bool_], ...]:
+    """Return whether the machine slides at each sample, shape (n,): fast, and far from the last reversal [m]."""
+    velocities = [record.velocity for record in records]
+    step = quantisation_step(records) / records[0].sample_time
+    fast = MIN_SLIDING_RATIO * float(np.percentile(np.abs(np.concatenate(velocities)), 95))
+    least = max(fast, MIN_STEPS_PER_SAMPLE * step)
+    return tuple(
+        (np.abs(v) >= least) & (_travel_since_reversal(record.displacement, v) >= presliding_distance)
+        for record, v in zip(records, velocities, strict=True)
+    )
+
+
+def _travel_since_reversal(displacement: NDArray[np.float64], velocity: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the travel of each sample since the last reversal [m], shape (n,)."""
+    turned = np.diff(np.sign(velocity), prepend=np.sign(velocity[0])) != 0
+    turned[0] = True  # the motion before is unknown
+    last = np.maximum.accumulate(np.where(turned, np.arange(velocity.size), 0))
+    return np.abs(displacement - displacement[last])
+
+
+def disturbed_start(rows: Rows, duration: float) -> tuple[float, list[str]]:
+    """Return the beginning of the records [s] that the model of the rest does not explain, and a remark; 0 if none.
+
+    After a jump of the reference, a transient of the drive or of a mode, the beginning differs from the rest. One part
+    more is left out than differs clearly, because such a transient decays.
+    """
+    limits = duration * np.array(START_FRACTIONS)
+    columns, force, time = rows.columns, rows.force, rows.time
+    rest = time >= limits[-1]
+    if rest.sum() < MIN_REST_ROWS:
+        return 0.0, []
+    scale = np.sqrt(np.mean(columns[rest] ** 2, axis=0))
+    residual = force - columns @ (np.linalg.lstsq(columns[rest] / scale, force[rest], ROUNDING)[0] / scale)
+    parts = [residual[(time >= low) & (time < high)] for low, high in itertools.pairwise(limits)]
+    sizes = np.array([np.sqrt(np.mean(part**2)) if part.size > columns.shape[1] else 0.0 for part in parts])
+    error = max(float(np.sqrt(np.mean(residual[rest] ** 2))), np.finfo(float).tiny)
+    ratios = np.where(sizes > FORCE_FLOOR * float(np.sqrt(np.mean(force[rest] ** 2))), sizes / error, 0.0)
+    if ratios.max() < MIN_START_RATIO:
+        return 0.0, []
+    last = int(np.flatnonzero(ratios > MIN_NEXT_RATIO)[-1])
+    end = float(limits[min(last + 2, limits.size - 1)])
+    return end, [
+        f"the first {end:.3g} s are left out, because their error is up to {ratios.max():.2g} times that of the rest, "
+        "as after a jump of the reference; to choose that time yourself set skip_time in [record] (--skip-time)"
+    ]
