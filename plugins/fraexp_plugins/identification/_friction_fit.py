@@ -367,9 +367,10 @@ class FrictionFit:
         count = self.point.size + (0.0 if self.stroke is None else self.stroke.waves * self.problem.rows_per_noise)
         variance = max(long_run_variance(residuals, count), self.white_variance)
         # A model error does not average out: as much of it may be in the parameters as in the residuals, so that the
-        # rows count as one for each parameter.
+        # rows count as one for each parameter. One up to the floor is allowed for where noise explains the residual.
         rows = self.fitted_residuals.size / max(self.point.size, 1)
-        return max(variance, self.error**2 * rows) if self.has_model_error else variance
+        allowed = np.inf if self.has_model_error else FORCE_FLOOR * self.coulomb_force
+        return max(variance, min(self.error, allowed) ** 2 * rows)
 
     @cached_property
     def point_covariance(self) -> NDArray[np.float64]:

@@ -73,7 +73,7 @@ MIN_REVERSALS = 3
 """Reversals from which friction is separated from other forces."""
 
 
-class FrictionIdentification(Estimator, name="friction_identification", version=6):
+class FrictionIdentification(Estimator, name="friction_identification", version=7):
     """The parameters of a friction law, with mass, viscous friction and offset, by least squares along a record.
 
     `laws` names one law, or several, your own included, of which the one with the smallest error over held-out cycles
