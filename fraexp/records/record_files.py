@@ -161,10 +161,10 @@ def joined_reader(paths: Sequence[Path], first: RecordReader, registry: Registry
     return _JoinedFiles(paths, [first, *(find_reader("", path, registry) for path in paths[1:])])
 
 
-def list_contents(file: Path, registry: Registry, reader: str = "") -> list[FileContent]:
+def list_contents(file: Path, registry: Registry) -> list[FileContent]:
     """Return the variables of a file; RecordError if its reader cannot list them, or it has none."""
     path = existing_file(file)
-    found = find_reader(reader, path, registry)
+    found = find_reader("", path, registry)
     listing: ContentLister | None = getattr(found, "contents", None)
     if listing is None:
         raise RecordError(f"{path.name}: reader '{found.name}' cannot list a file; give --channel NAME=COLUMN")
@@ -180,8 +180,8 @@ def list_contents(file: Path, registry: Registry, reader: str = "") -> list[File
     return contents
 
 
-def list_remarks(file: Path, registry: Registry, reader: str = "") -> list[str]:
+def list_remarks(file: Path, registry: Registry) -> list[str]:
     """Return in sentences what the reader of a file cannot know from it."""
     path = existing_file(file)
-    remarks: Callable[[Path], list[str]] | None = getattr(find_reader(reader, path, registry), "remarks", None)
+    remarks: Callable[[Path], list[str]] | None = getattr(find_reader("", path, registry), "remarks", None)
     return remarks(path) if remarks else []

@@ -102,30 +102,30 @@ class Store:
         return cls(database, database.reader() if read_only else database.writer(), units)
 
     @staticmethod
-    def exists(url: str, timeout: float = DEFAULT_TIMEOUT_S) -> bool:
+    def exists(url: str) -> bool:
         """Return whether there is a database of any schema; StoreError if there is something else."""
-        return locate_database(url, timeout).exists()
+        return locate_database(url, DEFAULT_TIMEOUT_S).exists()
 
     @staticmethod
-    def restore(url: str, copy: str, timeout: float = DEFAULT_TIMEOUT_S) -> str:
+    def restore(url: str, copy: str) -> str:
         """Put a copy of a sound database in the place of another one, if that exists, and return its name from now on.
 
         Nothing is lost: the earlier file is kept under that name, with its log. StoreError if the copy is not sound,
         or while a process has the earlier file open.
         """
-        database = locate_database(url, timeout)
-        with Store.open(copy, read_only=True, timeout=timeout) as source:
+        database = locate_database(url, DEFAULT_TIMEOUT_S)
+        with Store.open(copy, read_only=True) as source:
             if (found := source.health()) != "sound":
                 raise StoreError(f"{source.name}: {found}")
-            if (number := _find_running(url, timeout)) is not None:
+            if (number := _find_running(url)) is not None:
                 raise StoreError(f"{database.name}: run {number} is running; stop it with 'fraexp stop {number}' first")
             return database.restore(source._database)
 
     @staticmethod
-    def refusal(url: str, timeout: float = DEFAULT_TIMEOUT_S) -> str:
+    def refusal(url: str) -> str:
         """Return why the database cannot be written, if that is known in advance; otherwise an empty text."""
         try:
-            locate_database(url, timeout).check_writable()
+            locate_database(url, DEFAULT_TIMEOUT_S).check_writable()
         except StoreError as error:
             return str(error)
         return ""
@@ -364,10 +364,10 @@ def _check_schema(database: Database) -> None:
         )
 
 
-def _find_running(url: str, timeout: float) -> int | None:
+def _find_running(url: str) -> int | None:
     """Return the number of a run that uses a database; None if there is none, or if the database cannot be read."""
     try:
-        with Store.open(url, read_only=True, timeout=timeout) as store:
+        with Store.open(url, read_only=True) as store:
             return next((run.number for run in store.runs() if run.state == "running"), None)
     except StoreError:
         return None
