@@ -175,7 +175,7 @@ def test_a_wrong_statement_is_seen(two_amplitudes, given, words):
 
 
 def test_no_friction_is_an_answer(recorded):
-    result = identified(recorded(stepped(12.0, 24.0, points=30), {"name": "none"}, force_noise=FORCE_NOISE))
+    result = identified(recorded(stepped(12.0, 24.0, points=16), {"name": "none"}, force_noise=FORCE_NOISE))
     assert result.outcome is Outcome.OK
     assert numbers(result)["Coulomb force"] < 1e-3  # N, of 24 N
     assert numbers(result)["k0"] == pytest.approx(0.132, rel=1e-3)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fraexp.api import NORMAL_QUANTILE, ROUNDING, Curve, FrictionModel, Motion
 from fraexp_plugins.friction._shared.element_model import ElementModel
+from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._law_numbers import (
     EXPONENTS,
@@ -229,6 +230,8 @@ class GridElements(LawForces):
 
     def model(self, sizes: NDArray[np.float64], viscous: float = 0.0) -> FrictionModel:
         """Return the friction model for columns of these sizes, shape (N,), and a viscous coefficient [N s/m]."""
+        if not sizes.any():
+            return Frictionless(viscous_coefficient=max(viscous, 0.0))
         total, width = max(float(sizes.sum()), LEAST_FORCE), self.thresholds
         owner = np.arange(width.size) if self.owner is None else self.owner
         forces = self.element_forces(sizes)
