@@ -16,7 +16,7 @@ from tests.machines import TABLE, decibel, guide, simulated
 from tests.responses import judged
 
 DELAYS = {"input_dead_time": 1e-3}
-FREQUENCIES = tuple(np.geomspace(2.0, 100.0, 24))
+FREQUENCIES = tuple(np.geomspace(2.0, 100.0, 16))
 WRONG = ({"force_scale": 1.05}, {"force_scale": 0.95}, {"displacement_scale": 1.05}, {"friction": guide(18.8)})
 
 
@@ -142,7 +142,7 @@ def test_no_ok_is_wrong(scale, amplitude, low, high, points):
 def test_a_law_of_another_kind_is_an_error_of_the_law(resolution):
     """Even harmonics, of which neither law has any, must not speak for it."""
     machine = Dahl(stiffness=4e5, coulomb_force=17.9, viscous_coefficient=4.69)
-    record = simulated(machine, tuple(np.geomspace(1.0, 200.0, 40)), 30.0, resolution=resolution, tolerance=1e-4)
+    record = simulated(machine, tuple(np.geomspace(1.0, 200.0, 16)), 30.0, resolution=resolution, tolerance=1e-4)
     found = estimated(record, resolution=resolution)
     error, holds = errors(found)
     is_ok = BandReach.of(found.response).is_within()
