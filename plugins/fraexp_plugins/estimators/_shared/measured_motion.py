@@ -169,12 +169,14 @@ def _shares(terms: NDArray[np.complex128], variance: float) -> NDArray[np.float6
 
 def mean_rounding_error(position: NDArray[np.float64], resolution: float, noise: float) -> NDArray[np.float64]:
     """Return the mean rounding error [m] at positions [m] of any shape, over normal noise [m]."""
-    error, turns = np.zeros_like(position), 2 * np.pi / resolution * position
+    error, turn = np.zeros_like(position), np.exp(2j * np.pi / resolution * position)
+    harmonic = np.ones_like(turn)
     for order in range(1, ROUNDING_HARMONICS + 1):
         damping = np.exp(-2 * (np.pi * order * noise / resolution) ** 2)
         if damping < ROUNDING:
             break
-        error += (-1) ** order * resolution / (np.pi * order) * damping * np.sin(order * turns)
+        harmonic *= turn
+        error += (-1) ** order * resolution / (np.pi * order) * damping * harmonic.imag
     return error
 
 

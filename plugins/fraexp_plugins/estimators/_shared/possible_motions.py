@@ -6,7 +6,7 @@ band. Where friction and plant make terms likely that noise hides, they are part
 """
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -34,6 +34,8 @@ FINER = 8
 """Factor by which the motion that the observer took is interpolated more finely."""
 POINTS_MULTIPLE = 16
 """Numbers of points of which a Fourier transform is fast are multiples of it."""
+SEGMENTS_AT_ONCE = 16
+"""Segments whose motions are run side by side: they fill the lanes, in some 50 MB."""
 ROUNDS = 2
 """Times that the friction force is found: along the clear terms, and along what it makes likely."""
 
@@ -90,11 +92,42 @@ class ForceErrors(NamedTuple):
     """[N]."""
 
 
-def draw_errors(forces: ContactForces, number: int, output: str, known: MeasuredMotion | None) -> ForceErrors:
-    """Return the errors of the motions that a segment could have made, and of its clear terms, (draws + 1, lines).
+class _DrawnMotion(NamedTuple):
+    """What could have been measured in a segment, by the channels of positions."""
 
-    The motion of the output may be known already.
+    segment: Segment
+    measured: Mapping[str, MeasuredMotion]
+    changes: Mapping[str, NDArray[np.complex128]]
+    """Drawn motions, and the clear terms, less the motion that the observer took [m], shape (draws + 1, terms)."""
+
+    def of_contact(self, contact: ContactFriction) -> tuple[MeasuredMotion, NDArray[np.complex128]]:
+        """Return the measured motion of a contact, and its changes [m], shape (draws + 1, terms)."""
+        observer = contact.observer
+        own = self.measured.get(observer.output) or MeasuredMotion.of(self.segment, observer.output, observer.encoder)
+        change = np.zeros((DRAWS + 1, own.terms.size), dtype=complex)
+        for channel, ratio in contact.position_ratios.items():
+            change[:, 1:] += ratio(own.omega[1:]) * self.changes[channel][:, 1:]
+        return own, change
+
+
+def draw_errors(
+    forces: ContactForces, output: str, known: Sequence[MeasuredMotion] | None
+) -> Iterator[tuple[int, ForceErrors]]:
+    """Yield the errors of the motions that each segment could have made, and of its clear terms, (draws + 1, lines).
+
+    The motions of the output may be known already. Those of several segments are run side by side.
     """
+    everything = range(len(forces.signals.segments))
+    for begin in everything[::SEGMENTS_AT_ONCE]:
+        numbers = everything[begin : begin + SEGMENTS_AT_ONCE]
+        drawn = [_drawn_motion(forces, number, output, known[number] if known else None) for number in numbers]
+        thrusts = [_force_errors(contact, numbers, drawn) for contact in forces.contacts]
+        for number, each, *force in zip(numbers, drawn, *thrusts, strict=True):
+            moved = 2 * each.changes[output][:, each.measured[output].lines]
+            yield number, ForceErrors(moved, np.add.reduce(force))
+
+
+def _drawn_motion(forces: ContactForces, number: int, output: str, known: MeasuredMotion | None) -> _DrawnMotion:
     segment, encoder = forces.signals.segments[number], forces.contacts[0].observer.encoder
     channels = {output} | {channel for contact in forces.contacts for channel in contact.position_ratios}
     measured = {channel: MeasuredMotion.of(segment, channel, encoder) for channel in sorted(channels - {output})}
@@ -103,36 +136,31 @@ def draw_errors(forces: ContactForces, number: int, output: str, known: Measured
     for channel, motion in measured.items():
         drawn = draw_motions(motion, zlib.crc32(segment.channels[channel].tobytes()))
         changes[channel] = np.vstack([drawn, np.where(motion.is_clear, motion.terms, 0)]) - motion.taken
-    force = [_force_errors(contact, number, segment, measured, changes) for contact in forces.contacts]
-    return ForceErrors(2 * changes[output][:, measured[output].lines], np.add.reduce(force))
+    return _DrawnMotion(segment, measured, changes)
 
 
 def _force_errors(
-    contact: ContactFriction,
-    number: int,
-    segment: Segment,
-    measured: Mapping[str, MeasuredMotion],
-    changes: Mapping[str, NDArray[np.complex128]],
-) -> NDArray[np.complex128]:
+    contact: ContactFriction, numbers: Sequence[int], drawn: Sequence[_DrawnMotion]
+) -> list[NDArray[np.complex128]]:
     """Return the errors of a contact's friction as thrust [N] along the motions that are possible, (draws + 1, lines).
 
     The force along the motion that the observer took is found more finely, too.
     """
-    observer = contact.observer
-    own = measured.get(observer.output) or MeasuredMotion.of(segment, observer.output, observer.encoder)
-    omega, lines = own.omega[1:], own.lines
-    change = np.zeros((DRAWS + 1, own.terms.size), dtype=complex)
-    for channel, ratio in contact.position_ratios.items():
-        change[:, 1:] += ratio(omega) * changes[channel][:, 1:]
-    driving = motions_of(observer, segment, np.vstack([own.taken, own.taken + change]), own.duration)
-    sums = fourier_sums(np.stack(observer.law.forces(driving)), lines)
-    (finer,) = observer.law.forces(motions_of(observer, segment, own.taken[None], own.duration, FINER))
-    coarse = np.add.reduce(contact.forces[number]) / len(contact.forces[number])
-    sums[1:] += fourier_sums(finer[None], lines) - fourier_sums(coarse[None], segment.lines)
-    at_lines = own.omega[lines]
-    moved = (sums[1:] - sums[0]) * observer.force_factor(at_lines)
-    moved += 2j * at_lines * observer.law.viscous * change[:, lines]
-    return np.asarray(contact.thrust_ratio(at_lines) * moved)
+    observer, found, driving = contact.observer, [], []
+    moved = [each.of_contact(contact) for each in drawn]
+    for (segment, *_), (own, change) in zip(drawn, moved, strict=True):
+        driving += motions_of(observer, segment, np.vstack([own.taken, own.taken + change]), own.duration)
+        driving += motions_of(observer, segment, own.taken[None], own.duration, FINER)
+    forces = iter(observer.law.forces(driving))
+    for number, (segment, *_), (own, change) in zip(numbers, drawn, moved, strict=True):
+        lines, at_lines = own.lines, own.omega[own.lines]
+        sums = fourier_sums(np.stack([next(forces) for _ in range(DRAWS + 2)]), lines)
+        coarse = np.add.reduce(contact.forces[number]) / len(contact.forces[number])
+        sums[1:] += fourier_sums(next(forces)[None], lines) - fourier_sums(coarse[None], segment.lines)
+        error = (sums[1:] - sums[0]) * observer.force_factor(at_lines)
+        error += 2j * at_lines * observer.law.viscous * change[:, lines]
+        found.append(np.asarray(contact.thrust_ratio(at_lines) * error))
+    return found
 
 
 def motions_of(
@@ -168,8 +196,8 @@ def with_possible_motions(
     disturbs the machine.
     """
     ratios, vectors, begin = [], [], 0
-    for number, segment in enumerate(forces.signals.segments):
-        errors = draw_errors(forces, number, output, motions[number] if motions else None)
+    for number, errors in draw_errors(forces, output, motions):
+        segment = forces.signals.segments[number]
         measured = phasors(segment, output)
         y = np.add.reduce(measured) / len(measured)
         drawn = ForceErrors(errors.output[:DRAWS], errors.force[:DRAWS])
