@@ -20,7 +20,8 @@ from harness import Bench, run
 from reference_loop import reference_response
 
 from fraexp.data.results import FrequencyResponse, Result
-from fraexp.execution.job import Failure, Job, run_job
+from fraexp.execution.job import run_job
+from fraexp.execution.sent_jobs import Failure, Job
 
 GOAL = 0.1 * TOLERANCE
 """Error of the reference before extrapolation: a tenth of what it has to judge."""

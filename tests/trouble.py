@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from fraexp.execution.job import Job
+from fraexp.execution.sent_jobs import Job
 
 PLUGIN = '''
 """Estimators that do what they are told."""

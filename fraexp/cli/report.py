@@ -13,12 +13,13 @@ from fraexp.reports.published_comparisons import verdict
 from fraexp.store import Store
 from fraexp.study.published_values import PublishedComparison
 from fraexp.study.study_file import find_studies, packaged_studies
-from fraexp.views.html_report import check_target, report_runs
 from fraexp.workspace.workspace_service import WorkspaceService
 
 
 def execute(arguments: Namespace) -> ExitCode:
     """Write the report of runs, and print its path."""
+    from fraexp.views.html_report import check_target
+
     check_target(arguments.output, arguments.force)
     workspace = WorkspaceService.open(arguments.workspace, arguments.db)
     with workspace.open_store() as store:
@@ -70,6 +71,8 @@ def _study_folders(names: Sequence[str], folder: Path) -> Iterator[tuple[str, li
 def _write(
     workspace: WorkspaceService, store: Store, runs: Sequence[int], path: Path, title: str, as_talk: bool = False
 ) -> list[PublishedComparison]:
+    from fraexp.views.html_report import report_runs  # of use to few runs
+
     compared = report_runs(workspace, store, runs, path, title)
     if as_talk:
         say(f"report {path}")

@@ -19,8 +19,8 @@ from fraexp.errors import FraexpError, StoreError
 from fraexp.execution.database_retry import WAITING_TEXT, Clock, DatabaseRetry
 from fraexp.execution.events import Event, Finished, Noticed, Preparing, Progress
 from fraexp.execution.executors import Answer, WorkerLostError, Workers
-from fraexp.execution.job import Failure, Job
 from fraexp.execution.run_time import RunTime
+from fraexp.execution.sent_jobs import Failure, Job
 from fraexp.execution.used_components import component_origins, local_sources
 from fraexp.store import MAX_RUNNING_SHOWN, ComponentOrigin, RunProgress, Store
 

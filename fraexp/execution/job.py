@@ -2,8 +2,8 @@
 
 import time
 import traceback
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from fraexp.data.signals import Signals
 from fraexp.data.sweep import Plain
 from fraexp.errors import FraexpError, PluginError, RecordError
 from fraexp.execution.certificate import certify
+from fraexp.execution.sent_jobs import Failure, Job
 from fraexp.execution.verdict import judge
 from fraexp.kernels.announcement import compilation_listener
 from fraexp.kernels.law_error import LawError
@@ -31,29 +32,6 @@ ReportEstimator = Callable[[int], None]
 """Called with the index of the estimator that begins."""
 ReportCompilation = Callable[[str], None]
 """Called with the names of the friction laws that are about to be compiled, and with none when they are."""
-
-
-@dataclass(frozen=True)
-class Job:
-    """The sweeps that share an experiment, as plain data."""
-
-    experiment: Plain
-    estimators: tuple[Plain, ...]
-    files: Mapping[str, str] = field(default_factory=dict)
-    plugins: str = ""
-    """Folder of the local plugins; empty if there is none."""
-    sources: Mapping[str, str] = field(default_factory=dict)
-    """Source hashes of the local plugins that are to compute it, under ``kind:name``."""
-
-
-@dataclass(frozen=True)
-class Failure:
-    """Why a sweep has no result: a sentence for the user, and the traceback for the log."""
-
-    message: str
-    log: str
-    lacks_memory: bool = False
-    """Whether memory was too little."""
 
 
 def run_job(

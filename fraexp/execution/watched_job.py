@@ -10,7 +10,8 @@ from math import inf
 from typing import NamedTuple
 
 from fraexp.data.results import Result
-from fraexp.execution.job import Failure, Job, ReportCompilation, ReportEstimator, ReportProgress, run_job
+from fraexp.execution.job import ReportCompilation, ReportEstimator, ReportProgress, run_job
+from fraexp.execution.sent_jobs import Failure, Job
 from fraexp.kernels.call_watch import hang_listener
 
 

@@ -13,8 +13,9 @@ from fraexp.data.results import Result
 from fraexp.data.signals import Signals
 from fraexp.data.sweep import Plain, Sweep, component_names
 from fraexp.errors import StudyError
-from fraexp.execution.job import Job, apply_estimator, load_signals
+from fraexp.execution.job import apply_estimator, load_signals
 from fraexp.execution.scheduler import StoredFits
+from fraexp.execution.sent_jobs import Job
 from fraexp.interface.datasets import signals_dataset
 from fraexp.interface.run_monitor import computing_meter
 from fraexp.interface.sweep_results import SweepResult

@@ -9,7 +9,8 @@ import numpy as np
 
 from fraexp.components.registry import discover
 from fraexp.errors import FraexpError
-from fraexp.execution.job import Failure, Job, run_job
+from fraexp.execution.job import run_job
+from fraexp.execution.sent_jobs import Failure, Job
 from fraexp.study.study_file import resolve
 
 STUDY: Mapping[str, object] = {

@@ -14,7 +14,8 @@ from fraexp.components.kinds import Plant
 from fraexp.components.registry import Registry, create
 from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.data.signals import Encoder, Segment, Signals
-from fraexp.execution.job import Job, run_job
+from fraexp.execution.job import run_job
+from fraexp.execution.sent_jobs import Job
 from fraexp.study.study_file import load
 from tests.examples import thorough
 from tests.machines import guide, simulated

@@ -19,8 +19,8 @@ from fraexp.data.sweep import Sweep
 from fraexp.execution.computation import Computation, Heartbeat, RunContext
 from fraexp.execution.events import Event, Finished
 from fraexp.execution.executors import Answer, WorkerLostError, Workers
-from fraexp.execution.job import Failure, Job
 from fraexp.execution.run_time import RunTime
+from fraexp.execution.sent_jobs import Failure, Job
 from fraexp.store import Store, StoredSweep
 from tests.trouble import study, trouble, write_plugin
 from tests.waiting import HANG_TIMEOUT_S, wait_until

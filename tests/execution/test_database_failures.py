@@ -19,9 +19,9 @@ from fraexp.execution.computation import RunContext
 from fraexp.execution.database_retry import DatabaseRetry
 from fraexp.execution.events import Ended, Event, Finished, Noticed, Progress
 from fraexp.execution.executors import Answer
-from fraexp.execution.job import Job
 from fraexp.execution.run_time import RunTime
 from fraexp.execution.scheduler import Spool, compute_recorded
+from fraexp.execution.sent_jobs import Job
 from fraexp.store import Store
 from fraexp.study.study_file import ResolvedStudy
 from fraexp.workspace.workspace_service import WorkspaceService

@@ -10,7 +10,7 @@ import pytest
 from fraexp.data import fit_references
 from fraexp.data.results import Result
 from fraexp.execution.executors import create_workers
-from fraexp.execution.job import Job
+from fraexp.execution.sent_jobs import Job
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.waiting import HANG_TIMEOUT_S
 

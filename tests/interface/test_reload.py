@@ -7,7 +7,8 @@ import pytest
 
 import fraexp
 from fraexp.components.registry import LOCAL, Registry, discover
-from fraexp.execution.job import Job, job_registry
+from fraexp.execution.job import job_registry
+from fraexp.execution.sent_jobs import Job
 from tests.examples import thorough
 from tests.refusals import refused
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from fraexp.components.kinds import Excitation
 from fraexp.components.registry import create, discover
-from fraexp.execution.job import Job, run_job
+from fraexp.execution.job import run_job
+from fraexp.execution.sent_jobs import Job
 from fraexp.study.study_file import packaged_studies
 
 MACHINE = tomllib.loads((packaged_studies() / "machines" / "linear_motor_table_integral.toml").read_text("utf-8"))

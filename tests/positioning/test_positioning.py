@@ -12,7 +12,8 @@ from fraexp.data.findings import remarks
 from fraexp.data.results import Outcome
 from fraexp.data.signals import Segment, Signals
 from fraexp.errors import RecordError
-from fraexp.execution.job import Job, run_job
+from fraexp.execution.job import run_job
+from fraexp.execution.sent_jobs import Job
 from fraexp.study.study_file import load, packaged_studies
 from tests.refusals import refused
 

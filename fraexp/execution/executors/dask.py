@@ -38,7 +38,8 @@ from fraexp.execution.executors.dask_remote import (
 )
 from fraexp.execution.executors.limits import ResourceLimits, parse_duration
 from fraexp.execution.executors.workers import Answer, WorkerLostError, Workers
-from fraexp.execution.job import Job, job_registry
+from fraexp.execution.job import job_registry
+from fraexp.execution.sent_jobs import Job
 from fraexp.execution.used_components import component_sections
 
 HOST_AND_PORT = re.compile(r"[\w.\-]+:\d+|\[[\da-fA-F:.]+\]:\d+")

@@ -15,7 +15,8 @@ from pathlib import Path
 import fraexp
 from fraexp.data.identity import file_hash
 from fraexp.errors import FraexpError
-from fraexp.execution.job import Job, describe_failure, registry_of
+from fraexp.execution.job import describe_failure, registry_of
+from fraexp.execution.sent_jobs import Job
 from fraexp.execution.watched_job import JobCancelled, run_watched_job
 
 TOPIC = "fraexp"

@@ -22,7 +22,7 @@ from fraexp.errors import StudyError
 from fraexp.execution.executors.limits import ResourceLimits, size_text
 from fraexp.execution.executors.worker import PRELOADED, Message, serve_jobs
 from fraexp.execution.executors.workers import Answer, WorkerLostError, Workers
-from fraexp.execution.job import Job
+from fraexp.execution.sent_jobs import Job
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 """Variables that are 1 in workers: several processes compute in parallel, and sums keep their order."""

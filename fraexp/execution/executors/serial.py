@@ -6,7 +6,7 @@ from concurrent.futures import Future
 
 from fraexp.execution.executors.limits import ResourceLimits
 from fraexp.execution.executors.workers import Answer, WorkerLostError, Workers
-from fraexp.execution.job import Job
+from fraexp.execution.sent_jobs import Job
 from fraexp.execution.watched_job import JobCancelled, run_watched_job
 
 

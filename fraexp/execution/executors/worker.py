@@ -14,7 +14,8 @@ from typing import Any, Literal, NamedTuple
 
 from fraexp.execution.executors.limits import cap_memory, size_text
 from fraexp.execution.executors.workers import Answer
-from fraexp.execution.job import Failure, Job, describe_failure
+from fraexp.execution.job import describe_failure
+from fraexp.execution.sent_jobs import Failure, Job
 from fraexp.execution.watched_job import run_watched_job
 
 PROGRESS_INTERVAL_S = 0.1

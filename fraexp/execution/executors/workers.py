@@ -8,7 +8,7 @@ from typing import Self, TypeVar
 
 from fraexp.data.results import Result
 from fraexp.errors import FraexpError
-from fraexp.execution.job import Failure, Job
+from fraexp.execution.sent_jobs import Failure, Job
 
 Item = TypeVar("Item")
 Answer = list[Result | Failure]

@@ -20,7 +20,7 @@ from fraexp.data.results import Result
 from fraexp.errors import StudyError
 from fraexp.execution.events import Finished
 from fraexp.execution.executors import ResourceLimits, WorkerLostError, create_workers
-from fraexp.execution.job import Job
+from fraexp.execution.sent_jobs import Job
 from fraexp.store import Store
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.dask_cluster import Cluster, distribution

@@ -16,7 +16,7 @@ from fraexp.data.results import Result
 from fraexp.errors import StudyError
 from fraexp.execution.executors import ResourceLimits, WorkerLostError, Workers, create_workers, worker_count
 from fraexp.execution.executors.limits import DEFAULT_TIME_LIMIT_S
-from fraexp.execution.job import Failure
+from fraexp.execution.sent_jobs import Failure
 from tests.examples import thorough
 from tests.refusals import refused
 from tests.trouble import job, trouble, write_plugin

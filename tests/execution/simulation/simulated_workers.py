@@ -6,7 +6,7 @@ from concurrent.futures import Future
 
 from fraexp.data.results import Metric, Outcome, Result
 from fraexp.execution.executors import Answer, WorkerLostError, Workers
-from fraexp.execution.job import Job
+from fraexp.execution.sent_jobs import Job
 
 LOSS_RATE = 0.03
 """Share of the jobs whose worker is lost: too few for three times the same job."""
