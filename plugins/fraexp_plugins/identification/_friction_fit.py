@@ -410,12 +410,8 @@ class FrictionFit:
 
     def virgin_curve(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the force [N] of a first slow displacement x [m], ascending, and its standard deviation, (n,) each."""
-        columns = self.forces.virgin_columns(x)
-        by_shape = self.forces.slopes(lambda law: law.virgin_columns(x), self.sizes, DIFFERENCE)
-        slopes = np.column_stack([*by_shape, columns])
         own = np.delete(np.arange(self.point.size), self.shape.size + np.arange(len(self.problem.terms)))
-        variance = np.einsum("ij,jk,ik->i", slopes, self.point_covariance[np.ix_(own, own)], slopes)
-        return columns @ self.sizes, np.sqrt(np.maximum(variance, 0.0))
+        return self.forces.virgin_band(x, self.sizes, self.point_covariance[np.ix_(own, own)])
 
     def beside_stroke_force(self) -> "FrictionFit":
         """Return the fit beside a force along the stroke, such as cogging, if that explains most of the error."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import NORMAL_QUANTILE, ROUNDING, Curve, FrictionModel, Motion
+from fraexp.api import DIFFERENCE, NORMAL_QUANTILE, ROUNDING, Curve, FrictionModel, Motion
 from fraexp_plugins.friction._shared.element_model import ElementModel
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
@@ -155,6 +155,18 @@ class LawForces(ABC):
     def virgin_columns(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the share of each column's force after a first slow displacement x [m], ascending, shape (n, N)."""
         return self.columns(Motion(np.concatenate([[0.0], x]), SLOW_STEP_S))[1:]
+
+    def virgin_band(
+        self, x: NDArray[np.float64], sizes: NDArray[np.float64], covariance: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the force [N] after a first slow displacement x [m], ascending, and its standard deviation, (n,) each.
+
+        `covariance` is that of shape and then sizes, shape (S + N, S + N).
+        """
+        columns = self.virgin_columns(x)
+        slopes = np.column_stack([*self.slopes(lambda law: law.virgin_columns(x), sizes, DIFFERENCE), columns])
+        own = covariance[-slopes.shape[1] :, -slopes.shape[1] :]
+        return columns @ sizes, np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, own, slopes), 0.0))
 
 
 @dataclass(frozen=True)

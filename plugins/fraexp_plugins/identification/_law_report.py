@@ -317,10 +317,7 @@ class LawChoice:
 
     def virgin_curve(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the force [N] of a first slow displacement x [m] and its standard deviation, shape (n,) each."""
-        law = self.best.law
-        columns, shape = law.virgin_columns(x), law.shape.size
-        variance = np.einsum("ij,jk,ik->i", columns, self.covariance[shape:, shape:], columns)
-        return columns @ self.forces, np.sqrt(np.maximum(variance, 0.0))
+        return self.best.law.virgin_band(x, self.forces, self.covariance)
 
     def friction(self, viscous: float, viscous_std: float, spring: float) -> Fit:
         """Return the friction model with a viscous coefficient [N s/m] and its standard deviation.

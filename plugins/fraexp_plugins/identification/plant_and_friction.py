@@ -39,7 +39,7 @@ MIN_SCATTER_RATIO = 3.0
 """Scatter of the records over that by noise from which friction is identifiable: the model has errors, too."""
 
 
-class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=7):
+class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=8):
     """Friction, P̂ and the plant of eq (1) together, such that P̂ is the same at all amplitudes and phases.
 
     G_di G_do U_a = Y_a/P + F_a for each record a, at each excited line, with a 1/P of its own, and at the odd harmonics
