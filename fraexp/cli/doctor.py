@@ -15,7 +15,7 @@ import psutil
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_fields, print_json, say
-from fraexp.cli.sweep_lookup import location_options, workspace_folder
+from fraexp.cli.sweep_lookup import workspace_folder
 from fraexp.errors import StoreError
 from fraexp.execution.provenance import gather_provenance
 from fraexp.figures.result_files import json_value
@@ -38,7 +38,7 @@ def execute(arguments: Namespace) -> ExitCode:
     registry = workspace.registry
     found, stored, tested = (
         gather_provenance(),
-        _database_document(workspace, location_options(arguments)),
+        _database_document(workspace, workspace.shown_options()),
         selftest.run_self_test(),
     )
     memory = psutil.virtual_memory()

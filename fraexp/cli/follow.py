@@ -12,7 +12,6 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_json, print_line, print_path, print_table, say
 from fraexp.cli.progress import Meter
 from fraexp.cli.summary import needs_summary, print_summary
-from fraexp.cli.sweep_lookup import location_options
 from fraexp.data.results import UNUSABLE_OUTCOMES, Result
 from fraexp.data.terminal_text import printable
 from fraexp.execution.background import announce_begin
@@ -197,7 +196,7 @@ def print_outcome(followed: RunEvents, arguments: Namespace, workspace: Workspac
                 print()
             if len(runs) > 1:
                 print_line(_heading(finished.run.study, titles))
-            _print(finished, workspace, location_options(arguments))
+            _print(finished, workspace)
     if followed.interrupted:
         kept = plural(_computed_count(followed, workspace), "sweep")
         say(f"stopped by you: {kept} computed and kept; the same command continues")
@@ -261,9 +260,10 @@ def _document(followed: RunEvents, runs: Sequence[FinishedRun]) -> dict[str, obj
     }
 
 
-def _print(finished: FinishedRun, workspace: WorkspaceService, here: str) -> None:
-    """Print a run; `here` holds the options that name its workspace and database."""
+def _print(finished: FinishedRun, workspace: WorkspaceService) -> None:
+    """Print a run."""
     ended, run, sweeps, results = finished
+    here = workspace.shown_options()
     if needs_summary(len(sweeps)):
         print_summary(sweeps, results, workspace.registry)
         say(f"fraexp show {run.number}{here} | less shows each sweep")

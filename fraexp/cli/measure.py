@@ -13,7 +13,6 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import follow, print_outcome
 from fraexp.cli.output import ask, print_json, print_path, print_table, say
 from fraexp.cli.progress import ProgressLine
-from fraexp.cli.sweep_lookup import location_options
 from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.terminal_text import printable
 from fraexp.errors import ConsentError, StudyError
@@ -212,7 +211,7 @@ def excite(arguments: Namespace) -> ExitCode:
     say(
         f"next: play it, and record y [{position}] and u [{table.unit}] from its first sample on, as columns of "
         f"{record}; then: "
-        f"fraexp import {record}{location_options(arguments)}"
+        f"fraexp import {record}{workspace.shown_options()}"
     )
     return ExitCode.OK
 

@@ -106,7 +106,7 @@ def _fill_template(template: str, words: Mapping[str, str]) -> str:
 def _next_steps(kind: str, words: Mapping[str, str], arguments: Namespace) -> Iterator[tuple[str, str]]:
     """Yield commands, each with what it does."""
     name, workspace = words["name"], Path(arguments.workspace)
-    here = "" if workspace == Path() else f" --workspace {shlex.quote(str(workspace))}"
+    here = workspace_folder(arguments).shown_options()
     if arguments.package:
         folder = shlex.quote(str(workspace / words["project"]))
         offline = " --no-deps --no-build-isolation" if find_spec("hatchling") else ""  # the build backend is here

@@ -7,7 +7,6 @@ from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import follow, print_outcome
 from fraexp.cli.output import print_json, print_path, say
 from fraexp.cli.report import report_folders
-from fraexp.cli.sweep_lookup import location_options
 from fraexp.errors import StudyError
 from fraexp.execution.executors import ResourceLimits
 from fraexp.execution.scheduler import RunOptions
@@ -43,7 +42,7 @@ def _detach(arguments: Namespace, workspace: WorkspaceService) -> ExitCode:
     if arguments.json:
         print_json({"started": {"pid": started.pid, "run": number, "log": str(started.log)}})
         return ExitCode.OK
-    here = location_options(arguments)
+    here = workspace.shown_options()
     if number is None:
         say(f"process {started.pid} prepares its run; fraexp list{here} shows it as soon as it has begun")
     else:
@@ -59,5 +58,5 @@ def stop(arguments: Namespace) -> ExitCode:
         run = store.run(arguments.run)
     workspace.stop(run, arguments.kill)
     what = "is killed; stored results are kept" if arguments.kill else "is stopping; finished sweeps are kept"
-    say(f"run {run.number} {what}, fraexp run {shlex.quote(run.study)}{location_options(arguments)} continues it")
+    say(f"run {run.number} {what}, fraexp run {shlex.quote(run.study)}{workspace.shown_options()} continues it")
     return ExitCode.OK

@@ -1,13 +1,12 @@
 """From identifiers on the command line to sweeps in the database."""
 
-import shlex
 from argparse import Namespace
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from fraexp.errors import FraexpError, StoreError
-from fraexp.store import Store, StoredSweep, url_without_password
+from fraexp.store import Store, StoredSweep
 from fraexp.workspace.workspace_folder import WorkspaceFolder
 
 MIN_KEY_DIGITS = 8
@@ -20,16 +19,6 @@ def workspace_folder(arguments: Namespace) -> WorkspaceFolder:
     """Return the workspace that the command line names; only its database has to be there, not its folder."""
     folder = Path(arguments.workspace)
     return WorkspaceFolder(folder, str(arguments.db or folder / "results.db"))
-
-
-def location_options(arguments: Namespace) -> str:
-    """Return the options that name workspace and database as the command line did, for commands that are proposed."""
-    given = {"--workspace": arguments.workspace, "--db": arguments.db}
-    return "".join(
-        f" {option} {shlex.quote(url_without_password(str(value)))}"
-        for option, value in given.items()
-        if str(value or ".") != "."
-    )
 
 
 def find_run_number(store: Store, identifier: str) -> int | None:

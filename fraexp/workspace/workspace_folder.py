@@ -3,6 +3,7 @@
 Whoever computes, draws or resolves studies uses `WorkspaceService`, which is one of these and imports far more.
 """
 
+import shlex
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -105,6 +106,15 @@ class WorkspaceFolder:
         from fraexp.store import Store
 
         return Store.restore(self.database, copy)
+
+    def shown_options(self) -> str:
+        """Return the options that name workspace and database in a proposed command, with a blank before each."""
+        from fraexp.store import url_without_password
+
+        place = "" if self.folder.resolve() == Path.cwd() else f" --workspace {shlex.quote(str(self.folder))}"
+        if self.database == str(self.folder / "results.db"):
+            return place
+        return f"{place} --db {shlex.quote(url_without_password(self.database))}"
 
     def location_options(self) -> list[str]:
         """Return the options that name this workspace from any folder."""

@@ -1,15 +1,14 @@
 """From what is typed to runs and sweeps."""
 
-from argparse import Namespace
 from pathlib import Path
 
 import pytest
 
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
-from fraexp.cli.sweep_lookup import location_options
 from fraexp.data.sweep import Sweep
 from fraexp.store import Store
+from fraexp.workspace.workspace_folder import WorkspaceFolder
 
 
 @pytest.fixture
@@ -63,4 +62,5 @@ def test_a_unit_of_another_kind_is_refused_in_a_filter(tmp_path: Path, capsys: p
     ],
 )
 def test_commands_that_are_proposed_name_the_place_that_was_given(workspace: str, url: str | None, told: str) -> None:
-    assert location_options(Namespace(workspace=Path(workspace), db=url)) == told
+    place = Path(workspace)
+    assert WorkspaceFolder(place, url or str(place / "results.db")).shown_options() == told

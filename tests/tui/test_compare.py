@@ -40,7 +40,7 @@ def test_marked_sweeps_are_overlaid_with_the_plant(workspace: Path, keys: list[s
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
         page = await compare(app, pilot, keys)
         shorts = " ".join(short_key(key) for key in keys)
-        assert page.command == f"fraexp plot {shorts} --kind bode -o bode.png --workspace={workspace}"
+        assert page.command == f"fraexp plot {shorts} --kind bode -o bode.png --workspace {workspace}"
         text = screen_text(app)
         for part in (
             "1 ━━━ 12 N, conventional",

@@ -25,7 +25,7 @@ FOLDER = Path(__file__).with_name("snapshots")
 UPDATES = os.environ.get("FRAEXP_UPDATE_SNAPSHOTS") == "1"
 GRID = np.geomspace(1.0, 200.0, 60)
 DURATION = r"\d+(\.\d+)? (s|ms|min)\b"
-CHANGING = re.compile(rf" *(\d\d:\d\d(:\d\d)?|\d{{4}}-\d\d-\d\d|{DURATION}|--workspace=\S+|/\S*/\S*) *")
+CHANGING = re.compile(rf" *(\d\d:\d\d(:\d\d)?|\d{{4}}-\d\d-\d\d|{DURATION}|--workspace \S+|/\S*/\S*) *")
 """What differs from run to run, with the blanks around it: times, durations and paths."""
 Screens = dict[str, tuple[tuple[str, ...], tuple[str, ...]]]
 SCREENS: Screens = {

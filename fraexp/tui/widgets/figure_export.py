@@ -13,7 +13,6 @@ from fraexp.errors import FraexpError
 from fraexp.figures.elements.stamp import check_suffix
 from fraexp.figures.elements.view import View
 from fraexp.figures.result_files import WRITERS
-from fraexp.store import url_without_password
 from fraexp.tui.dialogs import ConfirmDialog, InputDialog
 from fraexp.views.words import plural, short_key
 from fraexp.workspace.workspace_service import WorkspaceService
@@ -24,15 +23,7 @@ if TYPE_CHECKING:
 
 def compare_command(workspace: WorkspaceService, named: Sequence[str]) -> str:
     """Return the command line that prints the differences between sweeps, which are `named` by its arguments."""
-    return shlex.join(["fraexp", "compare", *named, *_location_options(workspace)])
-
-
-def _location_options(workspace: WorkspaceService) -> list[str]:
-    """Return the options that name workspace and database, unless they are those of the current folder."""
-    here = workspace.folder.resolve() == Path.cwd()
-    usual = workspace.database == str(workspace.folder / "results.db")
-    folder = [] if here else [f"--workspace={workspace.folder}"]
-    return folder + ([] if usual else [f"--db={url_without_password(workspace.database)}"])
+    return shlex.join(["fraexp", "compare", *named]) + workspace.shown_options()
 
 
 @dataclass(frozen=True)
@@ -55,7 +46,7 @@ class FigureExport:
 
     def command(self, workspace: WorkspaceService, file: str) -> str:
         """Return the command line that draws the figure into a file."""
-        return shlex.join(["fraexp", *self.arguments(file), *_location_options(workspace)])
+        return shlex.join(["fraexp", *self.arguments(file)]) + workspace.shown_options()
 
     async def ask(self, app: "FraexpApp", proposed: str) -> Path | None:
         """Ask for a file to draw the figure into; None if there is nothing to draw, or the user decides against it."""
