@@ -6,12 +6,13 @@ from statistics import median_low
 
 from fraexp.data.sweep import Sweep
 from fraexp.execution.events import TimeLeft
+from fraexp.execution.provenance import usable_cores
 from fraexp.store import Likeness, Store
 
 MAX_LIKE_SWEEPS = 15
 """Like sweeps from which a time follows: those that the run computes displace stored ones of other parameters."""
 WORKER_START_S = 2.0
-"""Time in which a worker process starts and loads its libraries: a run that takes less needs none."""
+"""Time in which worker processes start and load their libraries: a run that they shorten by less needs none."""
 SERIAL, PROCESSES = "serial", "processes"
 
 
@@ -66,10 +67,11 @@ def run_time_of(missing: Sequence[Sweep], store: Store | None) -> RunTime:
 
 
 def choose_executor(missing: Sequence[Sweep], time: TimeLeft) -> str:
-    """Return the executor for sweeps whose `time` in one process is given: worker processes, unless they are too few.
+    """Return the executor for sweeps whose `time` in one process is given: processes, unless they save too little.
 
-    A short run ends before such processes are ready.
+    What they save by working side by side must exceed the time in which they start.
     """
-    has_one_job = len({sweep.experiment_key for sweep in missing}) <= 1
-    is_short = not time.unlike and (time.seconds or 0.0) < WORKER_START_S
-    return SERIAL if has_one_job or is_short else PROCESSES
+    workers = min(len({sweep.experiment_key for sweep in missing}), max(usable_cores(), 2))
+    saved = (time.seconds or 0.0) * (1 - 1 / max(workers, 1))
+    is_short = not time.unlike and saved < WORKER_START_S
+    return SERIAL if workers <= 1 or is_short else PROCESSES

@@ -61,7 +61,7 @@ def test_what_runs_counts_for_the_rest_of_it_and_no_sweep_is_divided() -> None:
 
 def test_processes_are_started_unless_the_run_is_known_to_be_short() -> None:
     sweeps = grid(40)
-    assert choose_executor(sweeps, TimeLeft(0.5, 3, 0)) == "serial"
+    assert choose_executor(sweeps[:2], TimeLeft(3.0, 3, 0)) == "serial", "two workers save less than their start"
     assert choose_executor(sweeps, TimeLeft(0.5, 3, 1)) == "processes"
     assert choose_executor(sweeps, TimeLeft(None, 0, 40)) == "processes"
     assert choose_executor(sweeps, TimeLeft(60.0, 3, 0)) == "processes"
