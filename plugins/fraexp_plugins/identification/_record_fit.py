@@ -168,8 +168,8 @@ class RecordFit:
         size = max(float(np.abs(change / allowed).max(initial=0.0)) for change, allowed in pairs)
         after = self._state_along(state, step, 1 / max(size, 1.0))
         (positions,) = self._positions([after])
-        pairs = zip(self.records, after.own, positions, strict=True)
-        residuals = [record.residual(own, position) for record, own, position in pairs]
+        replays = zip(self.records, after.own, positions, strict=True)
+        residuals = [record.residual(own, position) for record, own, position in replays]
         gain = self._loss([record.residual for record in linear.records], linear) - self._loss(residuals, linear)
         is_good = gain > EXPECTED_SHARE * step.gain
         is_small = float(np.abs(step.shared).max(initial=0.0)) < SMALL_STEP and size <= 1
