@@ -16,6 +16,7 @@ from fraexp.data.findings import remarks
 from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.store import Store
+from fraexp.views.words import short_key
 from tests.cli.conftest import response_of
 
 LONG = "an estimator of the effective control input with a very long name, of the second kind"
@@ -94,6 +95,21 @@ def test_no_line_is_wider_than_the_terminal(folder: Path, command: Sequence[str]
     text = printed(folder, command, width)
     assert text
     assert [line for line in text.splitlines() if cell_len(_plain(line)) > width] == []
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("columns", [80, 40])
+def test_a_narrow_terminal_shows_every_digit(columns: int, workspace: Path, sweeps: list[Sweep]) -> None:
+    run = _plain(printed(workspace, ["show", "1"], columns))
+    points = _plain(printed(workspace, ["show", "KEY"], columns)).partition("response y/u")[2]
+    compared = _plain(printed(workspace, ["compare", "1"], columns))
+    assert "…" not in run + points + compared
+    for word in ("37/40", "-0.12", "-23.72", "-35.52", "diverged", r"laser\x1b[31m", "ZeroDivisionError:"):
+        assert word in run
+    for word in ("frequency", "magnitude", "distortion", "-52.041", "-180.00", "3e-05"):
+        assert word in points
+    for word in (*(short_key(sweep.key) for sweep in sweeps), "record.channels.y.column", "6.0206"):
+        assert word in compared
 
 
 def _plain(line: str) -> str:

@@ -1,8 +1,6 @@
 """The colours of the themes: every text can be read, and a state is known without its colour."""
 
 import re
-from collections.abc import Iterable
-from pathlib import Path
 
 import pytest
 from rich.style import Style
@@ -16,7 +14,7 @@ from fraexp.tui.plotting.curve_styles import ON_DARK, ON_LIGHT
 from fraexp.tui.services.themes import DARK, LIGHT, STATE_SIGNS, rich_colour, state_cell, state_sign
 from fraexp.tui.widgets.paged_table import PagedTable
 from tests.tui.pilots import pilot_of, screen_text, settle, shows
-from tests.tui.test_snapshots import SCREENS, Screens, store_examples, walk
+from tests.tui.test_snapshots import SCREENS, store_examples, walk
 
 AA_TEXT, AA_GRAPHICS = 4.5, 3.0
 """Contrasts of WCAG 2.2: 1.4.3 for texts, 1.4.11 for graphical objects."""
@@ -31,8 +29,6 @@ PAGES = SCREENS | {
     "trial": (("p", "slash", *"lugre", "enter", "enter"), ("|N| [N/m] over amplitude [m]",)),
 }
 """The screens that have a snapshot, and those whose content changes with each plugin."""
-TYPICAL_THEMES = ("nord", "ansi-dark")
-"""A theme with opacities and contrasts, as all but ours have, and one in the colours of the terminal."""
 
 
 def themes_of_each_form() -> list[str]:
@@ -112,32 +108,23 @@ def test_a_muted_text_stands_out_less_than_others():
     assert AA_TEXT <= contrast(muted, ground) < contrast(full, ground)
 
 
-def test_a_typical_theme_can_draw_what_is_coloured(tmp_path):
-    pages = {name: PAGES[name] for name in ("runs", "run", "sweep", "bode")}
-    draw_pages(tmp_path, pages, TYPICAL_THEMES)
-
-
 @pytest.mark.thorough
 def test_each_form_of_theme_can_draw_each_page(tmp_path):
-    draw_pages(tmp_path, PAGES, themes_of_each_form())
-
-
-def draw_pages(folder: Path, pages: Screens, themes: Iterable[str]) -> None:
-    """Show each page in each theme: an error would end the terminal UI."""
-    store_examples(folder)
-    drawn = set()
+    """An error would end the terminal UI."""
+    store_examples(tmp_path)
+    themes, drawn = themes_of_each_form(), set()
 
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
-        app.theme = next(iter(themes))
-        async for name in walk(app, pilot, pages):
+        app.theme = themes[0]
+        async for name in walk(app, pilot, PAGES):
             for theme in themes:
                 app.theme = theme
                 await pilot.pause()
                 assert screen_text(app).strip()
                 drawn.add((name, theme))
 
-    pilot_of(folder, steps, size=(100, 30))
-    assert drawn == {(name, theme) for name in [*pages, "measurement"] for theme in themes}
+    pilot_of(tmp_path, steps, size=(100, 30))
+    assert drawn == {(name, theme) for name in [*PAGES, "measurement"] for theme in themes}
 
 
 def test_a_table_takes_the_colours_of_another_theme(tmp_path):

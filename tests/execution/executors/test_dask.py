@@ -147,20 +147,15 @@ def doomed(tmp_path: Path) -> Iterator[Cluster]:
         yield found
 
 
-@pytest.mark.parametrize("by", ["address", "file"])
-def test_the_numbers_are_those_of_a_serial_run_bit_for_bit(cluster, tmp_path, by):
+def test_the_numbers_are_those_of_a_serial_run_bit_for_bit(cluster, tmp_path):
     workspace(tmp_path)
-    place = cluster.address if by == "address" else str(cluster.file)
-    studies = ["trials", "quick", "--set", "excitation.points=3"] if by == "address" else ["trials"]
-    told = run(tmp_path, *studies[:1], f"--executor=dask:{place}", "--json")
-    assert told.returncode == 0, told.stderr
-    if by == "address":
-        told = run(tmp_path, *studies[1:], f"--executor=dask:{place}", "--json")
-        assert told.returncode == 0, told.stderr
-        assert run(tmp_path, *studies[1:], "--executor=serial", "--db=serial.db").returncode == 0
-    assert run(tmp_path, *studies[:1], "--executor=serial", "--db=serial.db").returncode == 0
+    quick = ["quick", "--set", "excitation.points=3"]
+    for study, place in ((["trials"], cluster.file), (quick, cluster.address)):
+        for executor in (f"--executor=dask:{place}", "--executor=serial"):
+            told = run(tmp_path, *study, executor, *(["--db=serial.db"] * executor.endswith("serial")))
+            assert told.returncode == 0, told.stderr
     assert results(tmp_path) == results(tmp_path, "serial.db")
-    assert len(results(tmp_path)) == (7 if by == "address" else 3)
+    assert len(results(tmp_path)) == 7
     assert cluster.tasks() == 0
 
 
@@ -178,15 +173,6 @@ def test_a_place_without_a_cluster_is_one_line(tmp_path, monkeypatch, name, name
     Path("text.json").write_text("no JSON")
     with refused(StudyError, *names):
         create_workers(name, 1)
-
-
-def test_without_a_cluster_nothing_is_stored(tmp_path):
-    told = run(workspace(tmp_path), "trials", "--executor=dask:tcp://127.0.0.1:1")
-    assert told.returncode == ExitCode.USAGE, told.stderr
-    assert "tcp://127.0.0.1:1" in told.stderr.splitlines()[-1]
-    assert "Traceback" not in told.stderr
-    with Store.open(str(tmp_path / "results.db"), read_only=True) as store:
-        assert store.runs() == []
 
 
 def test_workers_of_another_version_are_left_out_by_name(doomed, tmp_path):
@@ -315,26 +301,6 @@ def test_a_scheduler_that_comes_back_is_given_what_is_missing(doomed, tmp_path):
         assert [len(future.result(HANG_TIMEOUT_S)) for future in futures] == [1] * 5
 
 
-def test_a_scheduler_that_stays_away_ends_the_run_as_partial_and_it_can_go_on(doomed, tmp_path):
-    workspace(tmp_path, '"excitation.amplitude" = [1e-4, 2e-4, 3e-4, 4e-4]\n"estimator.seconds" = [2.0]')
-    doomed.start_worker("first")
-    process = start(tmp_path, doomed, FRAEXP_DASK_TIMEOUT="2s")
-    wait_until(lambda: (tmp_path / "results.db").exists() and results(tmp_path))
-    doomed.kill(doomed.scheduler)
-    _, told = process.communicate(timeout=HANG_TIMEOUT_S)
-    assert process.returncode == ExitCode.INCOMPLETE
-    assert f"the Dask scheduler at {doomed.address} was gone for 2 s" in told.splitlines()[-1]
-    assert "; what is computed is stored, and the same command goes on from there" in told.splitlines()[-1]
-    with Store.open(str(tmp_path / "results.db"), read_only=True) as store:
-        stored = store.run(1)
-    assert stored.state == "partial"
-    assert 0 < stored.computed < 4
-    doomed.start_scheduler()
-    doomed.start_worker("second")
-    assert run(tmp_path, "trials", f"--executor=dask:{doomed.address}").returncode == 0
-    assert len(results(tmp_path)) == 4
-
-
 def test_ctrl_c_leaves_the_cluster_clean(doomed, tmp_path):
     workspace(tmp_path, '"excitation.amplitude" = [1e-4, 2e-4, 3e-4]\n"estimator.seconds" = [2.0]')
     doomed.start_worker("first")
@@ -364,8 +330,3 @@ def test_a_job_beyond_its_time_ends_its_worker(doomed, tmp_path, monkeypatch, na
         if nanny == "--no-nanny":
             doomed.start_worker("other")
         assert isinstance(again.result(HANG_TIMEOUT_S)[0], Result)
-
-
-def test_a_cap_on_memory_is_left_to_dask():
-    with refused(StudyError, "dask worker --memory-limit"):
-        create_workers("dask:tcp://127.0.0.1:1", 1, ResourceLimits(memory=10**9))

@@ -54,19 +54,26 @@ def test_a_silent_scheduler_is_told_and_answers_are_accepted_when_it_is_back(clu
 
 
 @pytest.mark.thorough
-def test_a_scheduler_that_stays_silent_ends_the_run_which_can_go_on(cluster, tmp_path):
+@pytest.mark.parametrize("is_killed", [False, True])
+def test_a_scheduler_that_stays_away_ends_the_run_which_can_go_on(cluster, tmp_path, is_killed):
     workspace(tmp_path, SLOW)
     cluster.start_worker("one")
     process = start(tmp_path, cluster, FRAEXP_DASK_TIMEOUT="7s")
     wait_until(lambda: (tmp_path / "results.db").exists() and results(tmp_path))
-    cluster.pause(cluster.scheduler)
+    (cluster.kill if is_killed else cluster.pause)(cluster.scheduler)
     _, told = process.communicate(timeout=HANG_TIMEOUT_S)
     assert process.returncode == ExitCode.INCOMPLETE
-    assert f"the Dask scheduler at {cluster.address} was silent for 7 s; what is computed is stored" in told
-    assert "is silent; waiting for it up to 7 s" in told
+    state = "gone" if is_killed else "silent"
+    assert f"the Dask scheduler at {cluster.address} was {state} for 7 s; what is computed is stored" in told
+    assert f"is {state}; waiting for it up to 7 s" in told
     with Store.open(str(tmp_path / "results.db"), read_only=True) as store:
-        assert store.run(1).state == "partial"
-    cluster.resume(cluster.scheduler)
+        stored = store.run(1)
+    assert stored.state == "partial" and 0 < stored.computed < 4
+    if is_killed:
+        cluster.start_scheduler()
+        cluster.start_worker("second")
+    else:
+        cluster.resume(cluster.scheduler)
     assert run(tmp_path, "trials", f"--executor=dask:{cluster.address}").returncode == 0
     assert len(results(tmp_path)) == 4
 

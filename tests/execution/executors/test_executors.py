@@ -101,21 +101,18 @@ def test_what_cannot_be_sent_back_is_a_failure(pair: Workers, plugins: str) -> N
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("executor", "seconds"), [("serial", 3.0), pytest.param("processes:1", 20.0, marks=pytest.mark.thorough)]
-)
-def test_a_job_that_never_returns_is_ended(executor: str, seconds: float, plugins: str, tmp_path: Path) -> None:
+def test_a_job_that_never_returns_is_ended(plugins: str, tmp_path: Path) -> None:
     endless = trouble(FOREVER, folder=str(tmp_path))
     with create_workers("serial", 1) as workers:  # others need nearly no time once all is compiled
         workers.submit(0, job(plugins)).result(HANG_TIMEOUT_S)
-    with create_workers(executor, 3, ResourceLimits(time=seconds)) as workers:
+    with create_workers("serial", 3, ResourceLimits(time=3.0)) as workers:
         jobs = [job(plugins), job(plugins, endless), job(plugins)]
         first, overdue, last = (workers.submit(number, of) for number, of in enumerate(jobs))
         wait_until(lambda: (list(workers.reports()), last.done())[1])
         error = overdue.exception(0)
         (tmp_path / "end").touch()  # or a thread of this process would go on
         assert isinstance(error, WorkerLostError)
-        assert str(error) == f"it took longer than the time limit of {seconds:g} s; see --time-limit"
+        assert str(error) == "it took longer than the time limit of 3 s; see --time-limit"
         assert not error.is_retryable
         assert metrics(first.result(0)) == metrics(last.result(0))
 
