@@ -17,8 +17,7 @@ from harness import Bench, run
 
 from fraexp.execution.events import Finished
 from fraexp.execution.executors import usable_cores
-from fraexp.execution.job import run_job
-from fraexp.execution.sent_jobs import Job
+from fraexp.execution.job import Job, run_job
 from fraexp.workspace.workspace_service import WorkspaceService
 
 STUDY = """

@@ -12,8 +12,7 @@ from fraexp.components.kinds import Excitation, FrictionModel, Plant
 from fraexp.components.registry import create, discover
 from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.data.signals import Signals
-from fraexp.execution.job import run_job
-from fraexp.execution.sent_jobs import Failure, Job
+from fraexp.execution.job import Failure, Job, run_job
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import Machine, build_machine
 from fraexp.study.accuracy import Accuracy

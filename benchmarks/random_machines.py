@@ -20,8 +20,7 @@ from harness import Bench, run
 from reference_loop import reference_response
 
 from fraexp.data.results import FrequencyResponse, Result
-from fraexp.execution.job import run_job
-from fraexp.execution.sent_jobs import Failure, Job
+from fraexp.execution.job import Failure, Job, run_job
 
 GOAL = 0.1 * TOLERANCE
 """Error of the reference before extrapolation: a tenth of what it has to judge."""

@@ -24,7 +24,7 @@ from harness import Action, Bench, in_turns, run
 from paper_machine import CURVE, PAPER, PATH, loop_job
 from timing import performed, sweep_job
 
-from fraexp.execution.sent_jobs import Job
+from fraexp.execution.job import Job
 
 GROWTH, CLIFF = 1.1, 1.1
 """Bounds: greatest exponent, and greatest ratio of times per frequency."""

@@ -30,8 +30,7 @@ from paper_machine import PAPER, PATH, REGISTRY, decibel, loop_job, response_of,
 
 sys.path.insert(0, str(ROOT))
 from fraexp.execution.events import Finished
-from fraexp.execution.job import run_job
-from fraexp.execution.sent_jobs import Job
+from fraexp.execution.job import Job, run_job
 from fraexp.simulation.machine import reference_response
 from fraexp.workspace.workspace_service import WorkspaceService
 
