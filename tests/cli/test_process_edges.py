@@ -128,26 +128,6 @@ def test_a_study_without_a_name_is_refused(name: str, tmp_path: Path, capsys: py
     assert "a study's name is empty" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("name", "meaning"),
-    [
-        ("os", "a Python module"),
-        ("none", "a word of Python"),
-        ("print", "a name of Python"),
-        ("result", "a name of fraexp.api"),
-        ("my-law", "is not a valid plugin name"),
-        ("a" * 10_000, "is too long"),
-    ],
-)
-def test_a_plugin_does_not_hide_what_python_has(
-    name: str, meaning: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["new", "friction", name, "--workspace", str(tmp_path)]) == ExitCode.USAGE
-    (line,) = capsys.readouterr().err.splitlines()
-    assert meaning in line
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize("words", ["{}", "a {} b", "{} {}"])
 def test_a_line_is_short_whatever_it_quotes(words: str, length: int = 100_000) -> None:
     for name in ("x" * length, "x y " * (length // 4)):

@@ -1,8 +1,7 @@
 """The notebooks are executed as they stand, and what they find is right by number."""
 
-import importlib.util
+import runpy
 from pathlib import Path
-from types import ModuleType
 
 import nbformat
 import pytest
@@ -42,16 +41,6 @@ FEWER = {"monte_carlo": {'\\"count\\": 200': '\\"count\\": 24', '\\"points\\": 1
 """Parts of the file of a notebook that takes long, and what stands in their place."""
 
 
-@pytest.fixture(scope="module")
-def runner() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("run_notebooks", ROOT / "docs/run_notebooks.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def test_each_notebook_is_checked() -> None:
     assert NOTEBOOKS.keys() == CHECKS.keys()
 
@@ -67,13 +56,11 @@ def test_each_code_cell_that_shows_something_shows_it_on_its_page(name: str) -> 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", CHECKS)
 @pytest.mark.filterwarnings("ignore")  # of the messaging between the kernel and the test
-def test_a_notebook_holds_what_it_says(
-    runner: ModuleType, name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_notebook_holds_what_it_says(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     text = NOTEBOOKS[name].read_text("utf-8")
     for long, short in FEWER.get(name, {}).items():
         assert long in text
         text = text.replace(long, short)
     (tmp_path / "shorter.ipynb").write_text(text, "utf-8")
-    runner.execute(tmp_path / "shorter.ipynb", CHECKS[name])
+    runpy.run_path(str(ROOT / "docs/run_notebooks.py"))["execute"](tmp_path / "shorter.ipynb", CHECKS[name])

@@ -91,6 +91,10 @@ def test_what_new_writes_is_short_and_documented(kind: str, tmp_path: Path) -> N
     [
         ("new friction my-law", "'my-law' is not a valid plugin name; expected lower-case letters, digits and _"),
         ("new friction class", "'class' is a word of Python, which the plugin would hide"),
+        ("new friction os", "a Python module"),
+        ("new friction print", "a name of Python"),
+        ("new friction result", "a name of fraexp.api"),
+        (f"new friction {'a' * 10_000}", "is too long"),
         ("new friction dahl", "friction 'dahl' already exists in "),
         ("new frictoin mine", "unknown KIND 'frictoin'; did you mean 'friction'?"),
         ("check dhal", "no component is called 'dhal'; did you mean 'dahl'?"),
