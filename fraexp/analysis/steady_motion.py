@@ -19,8 +19,11 @@ def steady_gain(segment: Segment, name: str) -> float:
 
 def steady_leakage(segment: Segment, name: str) -> NDArray[np.float64]:
     """Return the relative error of a channel's mean phasors by what it gains in each period, shape (lines,)."""
-    periods = segment.channels.get(name, np.zeros((1, segment.samples)))
-    ramp = np.fft.rfft(steady_gain(segment, name) * np.arange(segment.samples) / segment.samples)[segment.lines]
+    gain = steady_gain(segment, name)
+    if not gain:
+        return np.zeros(segment.lines.size)
+    periods = segment.channels[name]
+    ramp = np.fft.rfft(gain * np.arange(segment.samples) / segment.samples)[segment.lines]
     line = np.abs(np.fft.rfft(periods.mean(axis=0))[segment.lines])
     return np.divide(np.abs(ramp), line, out=np.zeros(line.size), where=line > 0)
 
