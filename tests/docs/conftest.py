@@ -89,8 +89,8 @@ Follow = Callable[[str], dict[str, str]]
 def follow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Follow:
     """Do what a page says, in its order; returns what each command has printed.
 
-    A shell runs the first command of a page, and those for which it does more than split words. The others are called
-    in this process, which has imported already what each process would import again.
+    A shell runs the first command of a page, and those for which it does more than split words. The others, and
+    programs, run in this process, which has imported already what each process would import again.
     """
     monkeypatch.chdir(tmp_path)
 
@@ -102,7 +102,7 @@ def follow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Follow:
                 target.parent.mkdir(parents=True, exist_ok=True)
                 target.write_text(block.text, encoding="utf-8")
             elif block.run:
-                execute([sys.executable, "-c", block.text], tmp_path)
+                exec(compile(block.text, page, "exec"), {"__name__": "__main__"})
             elif block.language == "sh":
                 for line in commands(block):
                     command = reduced(line).replace("KEY", some_key(tmp_path))
