@@ -100,22 +100,18 @@ class FitStep(NamedTuple):
     """Change of each record's own ones, shape (m,) each."""
     gain: float
     """Log-likelihood that the linearised records gain."""
-    problem: "_Problem"
-    """Linearised records, and what holds their parameters."""
-    point: "_Point"
-    """Where it ends."""
+    held: NDArray[np.float64]
+    """Information with which the shared parameters are held, shape (p,)."""
+    curvature: NDArray[np.float64]
+    """Curvature of each record's loss where the step ends, shape (records, p + M, p + M)."""
 
     @property
     def covariances(self) -> tuple[NDArray[np.float64], ...]:
         """Inverse of the information about shared parameters, then those of one record, shape (p + m, p + m) each."""
-        p, information = self.shared.size, np.diag(self.problem.shared_radius**-2.0)
-        for block, mixed in self._blocks:
-            information = information + block.hessian[:p, :p] - block.hessian[:p, p:] @ mixed
-        shared, found = np.linalg.inv(information), []
-        for block, mixed in self._blocks:
-            of_own = np.linalg.inv(block.hessian[p:, p:]) + mixed @ shared @ mixed.T
-            found.append(np.block([[shared, -shared @ mixed.T], [-mixed @ shared, of_own]]))
-        return tuple(found)
+        mixed, information = _eliminated(self.curvature, self.shared.size)
+        shared = np.linalg.inv(information + np.diag(self.held))
+        cross = -mixed @ shared
+        return self._assembled(shared, cross, self._alone - cross @ mixed.transpose(0, 2, 1))
 
     def covariances_beside(
         self, shared: NDArray[np.float64], weights: NDArray[np.float64], added: Sequence[int]
@@ -127,28 +123,28 @@ class FitStep(NamedTuple):
         an efficient estimate is independent of it (J. A. Hausman, Econometrica 46(6), 1978), so that these parameters
         are known better than beside an estimate from other records.
         """
-        p, found = len(shared), []
-        for (block, mixed), weight, count in zip(self._blocks, weights, added, strict=True):
-            own, to_shared = block.hessian[p:, p:], block.hessian[p:, :p]
-            beside = to_shared - own[:, count:] @ _solution(own[count:, count:], to_shared[count:])
-            common = weight * _solution(own, beside) @ shared
-            cross = common - mixed @ shared
-            of_own = np.linalg.inv(own) - cross @ mixed.T - mixed @ common.T
-            found.append(np.block([[shared, cross.T], [cross, of_own]]))
-        return tuple(found)
+        p, (mixed, _) = len(shared), _eliminated(self.curvature, len(shared))
+        common = np.empty_like(mixed)
+        for place, (curvature, weight, count) in enumerate(zip(self.curvature, weights, added, strict=True)):
+            own, to_shared = curvature[p:, p:], curvature[p:, :p]
+            beside = to_shared - own[:, count:] @ np.linalg.solve(own[count:, count:], to_shared[count:])
+            common[place] = weight * np.linalg.solve(own, beside) @ shared
+        cross = common - mixed @ shared
+        of_own = self._alone - cross @ mixed.transpose(0, 2, 1) - mixed @ common.transpose(0, 2, 1)
+        return self._assembled(shared, cross, of_own)
 
     @property
-    def _blocks(self) -> list[tuple["_Blocks", NDArray[np.float64]]]:
-        """Blocks of the records, and how their own parameters move with the shared ones, shape (m, p) each."""
-        p, blocks = self.shared.size, self.problem.blocks(self.point)
-        return [(block, _solution(block.hessian[p:, p:], block.hessian[p:, :p])) for block in blocks]
+    def _alone(self) -> NDArray[np.float64]:
+        """Covariance of each record's own parameters beside known shared ones, shape (records, M, M)."""
+        p = self.shared.size
+        return np.linalg.inv(self.curvature[:, p:, p:])
 
-
-class _Blocks(NamedTuple):
-    """Gradient and curvature of one record's loss."""
-
-    gradient: NDArray[np.float64]
-    hessian: NDArray[np.float64]
+    def _assembled(
+        self, shared: NDArray[np.float64], cross: NDArray[np.float64], of_own: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], ...]:
+        ends = [self.shared.size + own.size for own in self.own]
+        found = [np.block([[shared, a.T], [a, b]]) for a, b in zip(cross, of_own, strict=True)]
+        return tuple(each[:end, :end] for each, end in zip(found, ends, strict=True))
 
 
 def fit_linear(
@@ -161,87 +157,99 @@ def fit_linear(
 
     The change of the shared parameters is `held`, if it is given. Newton's method on a convex function. The parameters
     of different records meet in the shared ones alone, so that each record's own ones are eliminated before the shared
-    ones are solved for.
+    ones are solved for: no general solver knows that.
     """
-    problem, still = _Problem(records, shared_radius, own_radius, held is None), np.zeros(shared_radius.size)
-    before = problem.evaluate(still, [np.zeros(radius.size) for radius in own_radius])
-    point = before if held is None else problem.evaluate(held, before.own)
+    problem = _Problem.of(records, shared_radius, own_radius, held is None)
+    before = problem.at(np.zeros(shared_radius.size), np.zeros(problem.own_hold.shape))
+    point = before if held is None else problem.at(held, before.own)
     for _ in range(MAX_ITERATIONS):
         step, own_steps, slope = problem.newton_step(point)
         for length in 2.0 ** -np.arange(MAX_ITERATIONS):
-            own = [a + length * b for a, b in zip(point.own, own_steps, strict=True)]
-            tried = problem.evaluate(point.shared + length * step, own)
+            tried = problem.at(point.shared + length * step, point.own + length * own_steps)
             if tried.loss <= point.loss:
                 break
         point = tried
         if -slope <= CONVERGED:
             break
-    return FitStep(point.shared, tuple(point.own), before.loss - point.loss, problem, point)
-
-
-def _solution(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(np.linalg.solve(matrix, right), dtype=float)
+    own = tuple(values[: radius.size] for values, radius in zip(point.own, own_radius, strict=True))
+    return FitStep(point.shared, own, before.loss - point.loss, problem.hold, problem.derivatives(point)[1])
 
 
 class _Point(NamedTuple):
     """Values of all parameters, and what the records are there."""
 
     shared: NDArray[np.float64]
-    own: Sequence[NDArray[np.float64]]
-    losses: Sequence[Loss]
-    """Loss of the samples of each record, with its derivatives by them."""
+    own: NDArray[np.float64]
+    """Shape (records, M)."""
+    losses: Loss
+    """Loss of the samples of all records, with its derivatives by them."""
     loss: float
     """Loss of all records and of what holds the parameters."""
 
 
 class _Problem(NamedTuple):
-    """Linearised records, and what holds their parameters."""
+    """Linearised records, and what holds their parameters: as many own ones of each, of which some have no effect."""
 
-    records: Sequence[LinearRecord]
-    shared_radius: NDArray[np.float64]
-    own_radius: Sequence[NDArray[np.float64]]
+    residual: NDArray[np.float64]
+    """Those of all records, shape (n,)."""
+    jacobians: list[NDArray[np.float64]]
+    resolution: float
+    stds: NDArray[np.float64]
+    """Shape (n,)."""
+    hold: NDArray[np.float64]
+    """Information with which the shared parameters are held, shape (p,)."""
+    own_hold: NDArray[np.float64]
+    """The same of the own ones, shape (records, M)."""
     is_shared_free: bool
 
-    def evaluate(self, shared: NDArray[np.float64], own: Sequence[NDArray[np.float64]]) -> _Point:
-        pairs = list(zip(self.records, own, strict=True))
-        residuals = [r.residual - r.jacobian @ np.concatenate([shared, values]) for r, values in pairs]
-        sizes = [residual.size for residual in residuals]
-        stds = np.repeat([record.std for record in self.records], sizes)
-        every = interval_loss(np.concatenate(residuals), self.records[0].resolution, stds)  # at once, as each is short
-        parts = zip(*(np.split(each, np.cumsum(sizes)[:-1]) for each in every), strict=True)
-        ratios = [values / radius for values, radius in zip(own, self.own_radius, strict=True)]
-        held = sum(float(np.sum(each**2)) for each in (shared / self.shared_radius, *ratios))
-        return _Point(shared, own, [Loss(*each) for each in parts], float(every.value.sum()) + 0.5 * held)
+    @classmethod
+    def of(
+        cls,
+        records: Sequence[LinearRecord],
+        shared_radius: NDArray[np.float64],
+        own_radius: Sequence[NDArray[np.float64]],
+        is_shared_free: bool,
+    ) -> "_Problem":
+        most = max(radius.size for radius in own_radius)
+        columns = shared_radius.size + most
+        jacobians = [np.pad(r.jacobian, ((0, 0), (0, columns - r.jacobian.shape[1]))) for r in records]
+        radii = np.array([np.pad(radius, (0, most - radius.size), constant_values=1.0) for radius in own_radius])
+        stds = np.repeat([record.std for record in records], [record.residual.size for record in records])
+        residual = np.concatenate([record.residual for record in records])
+        return cls(residual, jacobians, records[0].resolution, stds, shared_radius**-2.0, radii**-2, is_shared_free)
 
-    def blocks(self, point: _Point) -> list[_Blocks]:
-        parts, p = zip(self.records, point.losses, point.own, self.own_radius, strict=True), point.shared.size
-        return [_blocks(p, record, loss, own, radius) for record, loss, own, radius in parts]
+    def at(self, shared: NDArray[np.float64], own: NDArray[np.float64]) -> _Point:
+        moved = [j @ np.concatenate([shared, values]) for j, values in zip(self.jacobians, own, strict=True)]
+        losses = interval_loss(self.residual - np.concatenate(moved), self.resolution, self.stds)
+        held = float(np.sum(shared**2 * self.hold) + np.sum(own**2 * self.own_hold))
+        return _Point(shared, own, losses, float(losses.value.sum()) + 0.5 * held)
 
-    def newton_step(self, point: _Point) -> tuple[NDArray[np.float64], list[NDArray[np.float64]], float]:
+    def derivatives(self, point: _Point) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return gradient, shape (records, p + M), and curvature of each record's loss and of what holds its own."""
+        ends = np.cumsum([len(jacobian) for jacobian in self.jacobians])[:-1]
+        slopes, curvatures = np.split(point.losses.slope, ends), np.split(point.losses.curvature, ends)
+        gradient = -np.array([j.T @ slope for j, slope in zip(self.jacobians, slopes, strict=True)])
+        curvature = np.array([(j.T * each) @ j for j, each in zip(self.jacobians, curvatures, strict=True)])
+        gradient[:, self.hold.size :] += self.own_hold * point.own
+        np.einsum("rii->ri", curvature)[:, self.hold.size :] += self.own_hold
+        return gradient, curvature
+
+    def newton_step(self, point: _Point) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
         """Return the step of shared and own parameters, and the slope of the loss along it."""
-        p, blocks, held = point.shared.size, self.blocks(point), self.shared_radius**-2.0
-        hessian: NDArray[np.float64] = np.diag(held)
-        gradient = shared_gradient = held * point.shared
-        for block in blocks:
-            mixed = _solution(block.hessian[p:, p:], block.hessian[p:, :p])
-            hessian = hessian + block.hessian[:p, :p] - block.hessian[:p, p:] @ mixed
-            gradient = gradient + block.gradient[:p] - mixed.T @ block.gradient[p:]
-            shared_gradient = shared_gradient + block.gradient[:p]
-        step = -_solution(hessian, gradient) if p and self.is_shared_free else np.zeros(p)
-        slope, own_steps = float(shared_gradient @ step), []
-        for block in blocks:
-            right = block.gradient[p:] + block.hessian[p:, :p] @ step
-            own_steps.append(-_solution(block.hessian[p:, p:], right))
-            slope += float(block.gradient[p:] @ own_steps[-1])
-        return step, own_steps, slope
+        p, (gradient, curvature) = self.hold.size, self.derivatives(point)
+        mixed, information = _eliminated(curvature, p)
+        of_shared, of_own = gradient[:, :p].sum(axis=0) + self.hold * point.shared, gradient[:, p:]
+        right, step = of_shared - np.einsum("rmp,rm->p", mixed, of_own), np.zeros(p)
+        if p and self.is_shared_free:
+            step = -np.linalg.solve(information + np.diag(self.hold), right)
+        own_steps = -np.linalg.solve(curvature[:, p:, p:], (of_own + curvature[:, p:, :p] @ step)[..., None])[..., 0]
+        return step, own_steps, float(of_shared @ step + np.sum(of_own * own_steps))
 
 
-def _blocks(
-    shared: int, record: LinearRecord, loss: Loss, own: NDArray[np.float64], radius: NDArray[np.float64]
-) -> _Blocks:
-    weights, across = np.concatenate([np.zeros(shared), radius**-2.0]), record.jacobian.T
-    gradient = -(across @ loss.slope) + weights * np.concatenate([np.zeros(shared), own])
-    return _Blocks(gradient, (across * loss.curvature) @ record.jacobian + np.diag(weights))
+def _eliminated(curvature: NDArray[np.float64], shared: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how own parameters move with shared ones, shape (records, M, p), and the information on those, (p, p)."""
+    mixed = np.linalg.solve(curvature[:, shared:, shared:], curvature[:, shared:, :shared])
+    return mixed, (curvature[:, :shared, :shared] - curvature[:, :shared, shared:] @ mixed).sum(axis=0)
 
 
 MIN_SAMPLES = 64

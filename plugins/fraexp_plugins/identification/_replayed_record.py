@@ -255,10 +255,11 @@ def start_terms(
     for record, each, is_long in zip(records, own, long, strict=True):
         run = record.replay(coarse, each)
         size = PULSE_SHARE * float(np.abs(run.control_input).max())
-        for pulse in size * np.eye(pulses, run.control_input.size, run.control_input.size - pulses) if is_long else ():
-            runs += [run._replace(control_input=run.control_input + sign * pulse) for sign in (1, -1)]
+        ends = size * np.eye(pulses + 1, run.control_input.size, run.control_input.size - pulses - 1)
+        ends[0] = 0.0
+        runs += [run._replace(control_input=run.control_input + pulse) for pulse in (ends if is_long else ())]
     moved = iter([each.position for each in replay(runs)])
-    return [_orthogonal([next(moved) - next(moved) for _ in range(pulses)]) if is_long else None for is_long in long]
+    return [_orthogonal([next(moved) for _ in range(pulses + 1)]) if is_long else None for is_long in long]
 
 
 def _orthogonal(moved: Sequence[NDArray[np.float64]]) -> NDArray[np.float64] | None:
@@ -266,7 +267,7 @@ def _orthogonal(moved: Sequence[NDArray[np.float64]]) -> NDArray[np.float64] | N
 
     There are none if a replay diverges.
     """
-    responses = np.array(moved)
+    responses = np.array(moved[1:]) - moved[0]
     responses = responses - responses[:, :-START_STATES].mean(axis=1, keepdims=True)  # every record has an offset
     counted = responses[:, :-START_STATES]
     if not np.isfinite(responses).all() or not counted.any():
