@@ -22,6 +22,9 @@ NOISE = "noise"
 MAX_LOG, MAX_DEAD_TIME_SAMPLES = 5.0, 100.0
 """Bounds of the search: logarithm of a factor, change of the dead time in samples. They only keep numbers from
 overflowing that the records do not tell."""
+REPLAY_ERROR, STEP_ERROR_SHARE, MAX_STEP_ERROR = 1e-5, 0.3, 1e-4
+"""Error over the motion that the steps of a replay cause at least, their share of noise and rounding, and the greatest
+one. A finer replay corrects what they do to the result; smaller steps take up to three times as long."""
 
 
 @dataclass(frozen=True)
@@ -225,8 +228,16 @@ class MachineProblem:
             (observer.input_dead_time, observer.input_time_constants),
             (observer.output_dead_time, observer.output_time_constants),
             observer.interpolation_tolerance / TOLERANCE_RATIO,
+            self._step_tolerance,
         )
         return Models(plant, replay, ports=self.ports)
+
+    @property
+    def _step_tolerance(self) -> float:
+        """Relative error of the motion that the steps of a replay may cause."""
+        motion = max(float(np.ptp(each.channels[self.observer.output])) for each in self.signals.segments) / 2
+        error = np.hypot(self.observer.noise, self.observer.resolution / np.sqrt(12)) / motion
+        return float(np.clip(STEP_ERROR_SHARE * error, REPLAY_ERROR, MAX_STEP_ERROR))
 
     def leave_out(self, name: str) -> "MachineProblem":
         """Return the problem in which a parameter stays as it is at the start."""

@@ -15,7 +15,7 @@ from fraexp_plugins.identification._likelihood import (
     greatest_ratio,
     interval_loss,
 )
-from fraexp_plugins.identification._machine_problem import FreeParameters, MachineProblem, Models
+from fraexp_plugins.identification._machine_problem import REPLAY_ERROR, FreeParameters, MachineProblem, Models
 from fraexp_plugins.identification._replayed_record import (
     ReplayedRecord,
     Trial,
@@ -41,10 +41,10 @@ moves a parameter of the LuGre law by a fifth of its interval, in half as much t
 HOPELESS_RATIO, FIRST_STEPS = 10.0, 4
 """Residual over what noise and rounding explain, from which a start is given up after its first steps. It saves time
 alone."""
-MIN_STD_RATIO, REPLAY_ERROR = 0.03, 1e-5
+MIN_STD_RATIO = 0.03
 """Standard deviation of a position over the encoder's step that the likelihood assumes at least, as the box of a
-rounded sample has walls that no step crosses; and error of a replay over the motion, for records without rounding. Half
-of the first makes bands 12 % narrower and fits up to three times slower."""
+rounded sample has walls that no step crosses. Half of it makes bands 12 % narrower and fits up to three times slower.
+"""
 NO_RADIUS = 1e9
 """Factor on the radius that holds nothing but a parameter without any effect, whose information would be singular."""
 EXPECTED_SHARE, SMALL_STEP = 0.5, 0.02
@@ -75,6 +75,8 @@ class LinearisedFit:
     """1/P̂ of each record [N/m], shape (lines,) each."""
     inverse_slopes: tuple[NDArray[np.complex128], ...]
     """Its derivatives by shared and own parameters, shape (lines, p + m) each."""
+    positions: tuple[NDArray[np.float64], ...]
+    """Periodic position of each replay [m], shape (n,) each."""
 
 
 @dataclass
@@ -116,7 +118,7 @@ class RecordFit:
         what is hopeless. `known` has the derivatives by the shared parameters, where the machine is nearly the same.
         """
         radius, small, is_exact = 1.0, 0, known is None
-        state, positions = self._with_drifts(state)
+        state, positions = self._with_drifts(state) if known is None else (state, known.positions)
         linear = self.linearise(state, positions, known)
         for count in range(MAX_ITERATIONS):
             if gives_up and count == FIRST_STEPS and self.mean_ratio(linear) > HOPELESS_RATIO:
@@ -184,7 +186,7 @@ class RecordFit:
             residual = record.residual(own, y)
             records.append(each._replace(residual=residual, std=self._std(record, own, residual)))
             inverse.append(record.inverse_response(models, own, y))
-        return replace(linear, records=tuple(records), inverse=tuple(inverse))
+        return replace(linear, records=tuple(records), inverse=tuple(inverse), positions=tuple(move.positions))
 
     def _state_along(self, state: State, step: FitStep, length: float) -> State:
         columns = [self._columns(record) for record in self.records]
@@ -270,7 +272,7 @@ class RecordFit:
             records.append(self._linear_record(record, own, record.residual(own, positions[place]), columns))
             inverse.append(record.inverse_response(centre, own, positions[place]))
             slopes.append(np.hstack([of_lines, of_own[1], np.zeros((len(rows), len(record.drifts)))]))
-        return LinearisedFit(tuple(records), tuple(inverse), tuple(slopes))
+        return LinearisedFit(tuple(records), tuple(inverse), tuple(slopes), tuple(positions))
 
     def _trials(
         self, record: ReplayedRecord, models: Sequence[Models], own: NDArray[np.float64]
