@@ -109,7 +109,7 @@ class FitStep(NamedTuple):
     def covariances(self) -> tuple[NDArray[np.float64], ...]:
         """Inverse of the information about shared parameters, then those of one record, shape (p + m, p + m) each."""
         mixed, information = _eliminated(self.curvature, self.shared.size)
-        shared = np.linalg.inv(information + np.diag(self.held))
+        shared = _inverse(information + np.diag(self.held))
         cross = -mixed @ shared
         return self._assembled(shared, cross, self._alone - cross @ mixed.transpose(0, 2, 1))
 
@@ -127,8 +127,8 @@ class FitStep(NamedTuple):
         common = np.empty_like(mixed)
         for place, (curvature, weight, count) in enumerate(zip(self.curvature, weights, added, strict=True)):
             own, to_shared = curvature[p:, p:], curvature[p:, :p]
-            beside = to_shared - own[:, count:] @ np.linalg.solve(own[count:, count:], to_shared[count:])
-            common[place] = weight * np.linalg.solve(own, beside) @ shared
+            beside = to_shared - own[:, count:] @ _solution(own[count:, count:], to_shared[count:])
+            common[place] = weight * _solution(own, beside) @ shared
         cross = common - mixed @ shared
         of_own = self._alone - cross @ mixed.transpose(0, 2, 1) - mixed @ common.transpose(0, 2, 1)
         return self._assembled(shared, cross, of_own)
@@ -137,7 +137,7 @@ class FitStep(NamedTuple):
     def _alone(self) -> NDArray[np.float64]:
         """Covariance of each record's own parameters beside known shared ones, shape (records, M, M)."""
         p = self.shared.size
-        return np.linalg.inv(self.curvature[:, p:, p:])
+        return _inverse(self.curvature[:, p:, p:])
 
     def _assembled(
         self, shared: NDArray[np.float64], cross: NDArray[np.float64], of_own: NDArray[np.float64]
@@ -241,15 +241,23 @@ class _Problem(NamedTuple):
         of_shared, of_own = gradient[:, :p].sum(axis=0) + self.hold * point.shared, gradient[:, p:]
         right, step = of_shared - np.einsum("rmp,rm->p", mixed, of_own), np.zeros(p)
         if p and self.is_shared_free:
-            step = -np.linalg.solve(information + np.diag(self.hold), right)
-        own_steps = -np.linalg.solve(curvature[:, p:, p:], (of_own + curvature[:, p:, :p] @ step)[..., None])[..., 0]
+            step = -_solution(information + np.diag(self.hold), right)
+        own_steps = -_solution(curvature[:, p:, p:], (of_own + curvature[:, p:, :p] @ step)[..., None])[..., 0]
         return step, own_steps, float(of_shared @ step + np.sum(of_own * own_steps))
 
 
 def _eliminated(curvature: NDArray[np.float64], shared: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return how own parameters move with shared ones, shape (records, M, p), and the information on those, (p, p)."""
-    mixed = np.linalg.solve(curvature[:, shared:, shared:], curvature[:, shared:, :shared])
+    mixed = _solution(curvature[:, shared:, shared:], curvature[:, shared:, :shared])
     return mixed, (curvature[:, :shared, :shared] - curvature[:, :shared, shared:] @ mixed).sum(axis=0)
+
+
+def _solution(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(np.linalg.solve(matrix, right), dtype=float)
+
+
+def _inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(np.linalg.inv(matrix), dtype=float)
 
 
 MIN_SAMPLES = 64
