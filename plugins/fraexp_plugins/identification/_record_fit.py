@@ -244,13 +244,15 @@ class RecordFit:
     ) -> LinearisedFit:
         """Return all records around a state with its positions, linearised by differences side by side.
 
-        The steps of a replay falsify both ends of a difference alike, so that it takes coarse ones. `known` has the
-        derivatives by the shared parameters, if they are not to be computed again.
+        Shared parameters may act nearly alike, so that theirs are central. The steps of a replay falsify both ends of a
+        difference alike, so that it takes coarse ones. `known` has the derivatives by the shared parameters, if they
+        are not to be computed again.
         """
         count = state.shared.size
         across = COARSE_DIFFERENCE * np.eye(count) if self.directions is None else self.directions
         centre = self.free.applied_to(self.start, state.shared)
-        models = [self._model_at(state.shared + step) or centre for step in (across.T if known is None else ())]
+        steps = across.T if known is None else ()
+        models = [self._model_at(state.shared + sign * step) or centre for step in steps for sign in (1, -1)]
         coarse = centre.replay.with_coarse_steps() if self.directions is None else centre.replay
         alike = [each.with_steps_of(coarse) for each in (centre, *models)]
         trials = [self._trials(record, alike, own) for record, own in zip(self.records, state.own, strict=True)]
@@ -262,7 +264,8 @@ class RecordFit:
             columns, rows = self._differences(record, each, [next(moved) for _ in each])
             if known is None:
                 turn = np.linalg.inv(across)
-                of_shared, of_lines = columns[:, :count] @ turn, rows[:, :count] @ turn
+                sides = slice(0, 2 * count, 2), slice(1, 2 * count, 2)
+                of_shared, of_lines = ((each[:, sides[0]] - each[:, sides[1]]) @ turn / 2 for each in (columns, rows))
             else:
                 of_shared = known.records[place].jacobian[:, :count]
                 of_lines = known.inverse_slopes[place][:, :count]
