@@ -163,11 +163,6 @@ def use_laws(names: list[str]) -> None:
     print(json.dumps(report))
 
 
-def with_own_cache(folder: Path) -> dict[str, str]:
-    """Return an environment with a cache folder of its own."""
-    return {**os.environ, "FRAEXP_CACHE_DIR": str(folder / "cache")}
-
-
 def laws(bench: Bench) -> None:
     """First use of each law in a process of its own, all with one cache."""
     from accuracy import MODELS
@@ -176,7 +171,7 @@ def laws(bench: Bench) -> None:
     with tempfile.TemporaryDirectory() as folder:
         for number, name in enumerate(names):
             command = [sys.executable, __file__, "--use-laws", name]
-            environment = with_own_cache(Path(folder))
+            environment = {**os.environ, "FRAEXP_CACHE_DIR": str(Path(folder) / "cache")}
             done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
             report: dict[str, float] = json.loads(done.stdout)
             taken = report[name] + (0.0 if number else report["imports"])
