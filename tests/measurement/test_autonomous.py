@@ -208,6 +208,7 @@ def test_units_of_the_machine_are_read_before_it_starts(tmp_path: Path, monkeypa
 @pytest.mark.thorough
 def test_plant_and_friction_are_found_behind_the_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(autonomous_points, "MODE_OFFSETS", (-1.0, 1.0))
+    monkeypatch.setattr(autonomous_points, "COARSE_POINTS", 14)
     workspace = workspace_with(STUDY + '[accuracy]\nmagnitude = "0.4 dB"\n', tmp_path)
     service = AutonomousService(workspace, "axis")
     events = list(service.measure())
