@@ -20,8 +20,6 @@ MIN_PERIODS = 3
 """Periods from which a decay is told from noise."""
 DECAYS = (0.0, 0.2, 0.4, 0.6, 0.75, 0.9)
 """Ratios of a transient in successive periods that are tried, from the first period alone to nearly a ramp."""
-LIKELY_PROBABILITY = 0.1
-"""Probability of a decay by noise alone below which a line had not settled, if the record shows that some had not."""
 
 
 def find_transient(
@@ -29,7 +27,9 @@ def find_transient(
     inputs: Sequence[NDArray[np.complex128]],
     outputs: Sequence[NDArray[np.complex128]],
 ) -> NDArray[np.float64]:
-    """Return the relative error of a mean over the periods by a transient, shape (n,); 0 where none is seen.
+    """Return the relative error of a mean over the periods by a transient, shape (n,); 0 where a record shows none.
+
+    If some lines had not settled the others hardly had: the error of each counts as far as noise does not explain it.
 
     The transient is that in the ratio of output to input, whose phasors have the shape (periods, lines) each. Segments
     that state whether they had settled show none.
@@ -39,8 +39,8 @@ def find_transient(
     parts = [_decay(*each) for each in zip(segments, inputs, outputs, strict=True)]
     chance, error = (np.concatenate([part[key] for part in parts]) for key in (0, 1))
     per_segment = np.array([min(float(part[0].min()) * part[0].size, 1.0) for part in parts])
-    seen = np.full(chance.size, _is_transient(per_segment)) & (chance < LIKELY_PROBABILITY)
-    return np.where(seen & (error > ROUNDING), error, 0.0)
+    error = (1 - chance) * error
+    return np.where(_is_transient(per_segment) & (error > ROUNDING), error, 0.0)
 
 
 def _may_settle(segment: Segment, inputs: NDArray[np.complex128]) -> bool:
