@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import DIFFERENCE, NORMAL_QUANTILE, ROUNDING, Curve, FrictionModel, Motion
+from fraexp_plugins.estimators._shared.standstill import SLOW_STEP_S
 from fraexp_plugins.friction._shared.element_model import ElementModel
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
@@ -33,8 +34,6 @@ RELAXATIONS = (0.0, 0.6, 1.7)
 """Dampers of an element over the relaxation time."""
 REFINEMENT, MIN_SHARE = 4, 1e-5
 """Parts of the gaps between an element's threshold and its neighbours, and least share of its force."""
-SLOW_STEP_S = 1e3
-"""Time step of a slow displacement."""
 LEAST_FORCE = float(np.finfo(float).tiny)
 """Least force of a model [N]: that of records without friction is 0."""
 

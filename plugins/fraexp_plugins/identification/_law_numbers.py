@@ -15,6 +15,9 @@ EXPONENTS = {"N": (1, 0), "m": (0, 1), "N/m": (1, -1), "N s/m": (1, -1), "m/s": 
 SHAPE_UNITS, MAX_SHAPE_PARAMETERS = ("N s/m", "m/s", "N/s"), 8
 """Units of the numbers that shape a law, and how many of them may be free."""
 VISCOUS = "viscous_coefficient"
+LAW_ELEMENTS = 4
+"""Elements of a law with a Stribeck effect, where their number is not stated. Half of them make its rise two straight
+lines."""
 STATIC_RATIO, START_RATIO = 1.2, 0.5
 """Static over Coulomb force at which a search begins, and a ratio of two of the law's numbers."""
 DAMPING_RATIO, ATTRACTION_RATIO = 0.01, 10.0

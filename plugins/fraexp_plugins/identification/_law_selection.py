@@ -26,6 +26,7 @@ from fraexp_plugins.friction.elastoplastic import Elastoplastic
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.friction.lugre import LuGre
 from fraexp_plugins.identification._law_forces import Law, LawForces, columns_of, rolling_elements, unit_law
+from fraexp_plugins.identification._law_numbers import STATIC_RATIO
 from fraexp_plugins.identification._law_report import ELEMENT_RANGE, GOOD, LawChoice, LawFit
 from fraexp_plugins.identification._least_squares import HeldSum, inverse_square, minimise, solve_non_negative
 from fraexp_plugins.identification._line_records import LawSolution, LineRecords, some_frequencies
@@ -106,9 +107,9 @@ class LawSearch:
 
 RIDGE_RATIO = 1e-6
 """Weight of a ridge over that of the largest column: it decides between columns that are equal."""
-ALTERNATIVE_VELOCITIES, ALTERNATIVE_RATES_S, ALTERNATIVE_EXCESS = (0.1, 0.4, 1.0), (12.0, 60.0), 0.05
-"""Stribeck velocities over the largest velocity, rates of attraction over the Coulomb force, and static over Coulomb
-force less 1, of a Stribeck effect beside a law, by which its Coulomb force is judged."""
+ALTERNATIVE_EXCESS = 0.05
+"""Static over Coulomb force, less 1, of a Stribeck effect beside a law, by which its Coulomb force is judged: a change
+of that force is divided by it again."""
 INCOMPLETE_RATIO = 2.0
 """Factor on the change of the Coulomb force where a Stribeck effect beside a law explains more of the records."""
 LUMPS = 6
@@ -230,8 +231,8 @@ def _weakening_columns(
     thresholds, forces = _lumped(law, sizes)
     weakening = columns_of(unit_law(GeneralizedMaxwellSlip, records.swing, records.speed), thresholds)
     columns = []
-    for part in ALTERNATIVE_VELOCITIES:
-        for rate in ALTERNATIVE_RATES_S:
+    for part in START_VELOCITIES[1]:
+        for rate in START_RATES_S:
             sizes_of = [
                 {"N": excess, "m/s": part * records.speed, "N/s": rate}
                 for excess in (ALTERNATIVE_EXCESS, MIN_EXCESS_RATIO * ALTERNATIVE_EXCESS)
@@ -281,8 +282,8 @@ SEARCH_STEP, SEARCH_OVERSAMPLING = 3, 2
 """Every third frequency is taken in the search for a law, and that many points per sample; all of them judge it."""
 FAST_LAWS, SLOW_LAWS = (Dahl, LuGre, Elastoplastic), (GeneralizedMaxwellSlip,)
 """Other laws that fraexp has, the cheapest first: those of elements come after a user's own."""
-START_WIDTH, START_EXCESS = 4e-3, 0.2
-"""Width over the motion, and static over Coulomb force, less 1, of a law at its start."""
+START_WIDTH = 4e-3
+"""Width over the motion of a law at its start."""
 THRESHOLD_COUNTS = 80, 40
 """Numbers of thresholds of rolling elements, and of others."""
 START_WIDTHS, START_VELOCITIES = np.geomspace(1e-4, 0.16, 9), ((3e-3, 3e-2), (0.1, 0.3, 1.0))
@@ -390,7 +391,7 @@ class LawSelection:
         elements = rolling_elements(some, times[0])
         yield elements, [[rolling_elements(some, time).shape for time in times]]
         lowest = 2 * float(self._bare.frequency.min())
-        sizes = {"m": largest * START_WIDTHS, "N/s": np.array(START_RATES_S), "N": np.array([START_EXCESS])}
+        sizes = {"m": largest * START_WIDTHS, "N/s": np.array(START_RATES_S), "N": np.array([STATIC_RATIO - 1])}
         built_in = (FAST_LAWS, SLOW_LAWS) if is_any else ((), ())
         for each in (*built_in[0], *laws, *built_in[1]):
             law = columns_of(unit_law(each, START_WIDTH * largest, velocity), few, lowest)

@@ -19,14 +19,13 @@ from fraexp.api import (
     significant_deviation,
 )
 from fraexp_plugins.estimators._shared.delayed_estimator import LoopDelays
+from fraexp_plugins.estimators._shared.effective_input_observer import CACHE_BYTES
 from fraexp_plugins.estimators._shared.realisations import mean
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification._law_forces import LawForces
 from fraexp_plugins.identification._least_squares import HeldSum, solve_non_negative
-from fraexp_plugins.identification._usable_records import with_harmonics
+from fraexp_plugins.identification._usable_records import SAMPLE_TIME_TOLERANCE, with_harmonics
 
-FREQUENCY_TOLERANCE = 1e-4
-"""Relative difference up to which two frequencies are equal."""
 MIN_HARMONIC_SAMPLES = 50
 """Samples of a cycle of the highest harmonic."""
 DRIFT = "drift"
@@ -41,8 +40,8 @@ PRIOR_FORCE_RATIO = 0.3
 FREE_BODY_RANGE, FREE_BODY_TERMS = 3.05, 4
 """Frequencies over the lowest one up to which an axis may be a free body (the third harmonic of the lowest one too),
 and terms of the power series of 1/P there."""
-COLUMNS_AT_ONCE, KEPT_BYTES = 16, 2**26
-"""Columns whose forces are in memory, and size of the phasors that are kept."""
+COLUMNS_AT_ONCE = 16
+"""Columns whose forces are in memory."""
 
 
 class LinearProblem(NamedTuple):
@@ -211,7 +210,7 @@ class LineRecords:
         found = self.driven.pop(law.key, None)
         if found is None:
             found = self._drive(law)
-            while sum(each.nbytes for each in self.driven.values()) > KEPT_BYTES:
+            while sum(each.nbytes for each in self.driven.values()) > CACHE_BYTES:
                 del self.driven[next(iter(self.driven))]
         self.driven[law.key] = found
         return found
@@ -330,7 +329,8 @@ def _groups(signals: Signals) -> tuple[tuple[int, ...], ...]:
     for place, segment in enumerate(signals.segments):
         for group in found:
             first = signals.segments[group[0]].frequency
-            if first.shape == segment.frequency.shape and np.allclose(first, segment.frequency, FREQUENCY_TOLERANCE, 0):
+            is_alike = first.shape == segment.frequency.shape
+            if is_alike and np.allclose(first, segment.frequency, SAMPLE_TIME_TOLERANCE, 0):
                 group.append(place)
                 break
         else:

@@ -34,7 +34,7 @@ from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction._shared.element_model import ElementModel, VirginCurve
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
-from fraexp_plugins.identification._law_numbers import VISCOUS, rough_model
+from fraexp_plugins.identification._law_numbers import LAW_ELEMENTS, VISCOUS, rough_model
 from fraexp_plugins.identification._least_squares import derivatives, minimise
 from fraexp_plugins.identification._likelihood import greatest_variance_ratio
 from fraexp_plugins.identification._machine_problem import (
@@ -317,9 +317,8 @@ FORCE_RATIO, FORCE_RANGE = 0.55, 5.5
 input to three times it."""
 WIDTH_RATIOS = (1 / 3, 1 / 27, 1 / 243)
 """Presliding distances over the largest motion, each of which stands for those within a factor of three."""
-ELEMENTS, LAW_ELEMENTS, MIN_KNOT_RATIO, MAX_KNOT_RATIO = 20, 4, 0.01, 2.2
-"""Elements of the curve, and of a law with a Stribeck effect as well, and the curve's knots over the presliding
-distance."""
+ELEMENTS, MIN_KNOT_RATIO, MAX_KNOT_RATIO = 20, 0.01, 2.2
+"""Elements of the curve, and its knots over the presliding distance."""
 STRIBECK_RATIO, VISCOUS_RATIO = 0.1, 0.05
 """Stribeck over largest velocity, and viscous over Coulomb force at that velocity."""
 

@@ -52,12 +52,10 @@ from fraexp_plugins.identification._friction_rows import (
     turning_points,
 )
 from fraexp_plugins.identification._law_forces import FreeElements, WholeLaw, rolling_elements
-from fraexp_plugins.identification._law_numbers import DAMPING_RATIO, LawNumbers, rough_model
+from fraexp_plugins.identification._law_numbers import DAMPING_RATIO, LAW_ELEMENTS, LawNumbers, rough_model
 from fraexp_plugins.identification._usable_records import HELD_OUT_STEP
 
 Candidate = TypeVar("Candidate")
-LAW_ELEMENTS = 4
-"""Elements of a law with a Stribeck effect, if the study does not give their number."""
 START_VELOCITY_RATIOS, TRIAL_STEPS = (0.3, 1.0, 3.0), 20
 """Stribeck velocities to start from, over the slowest tenth's sliding speed, and steps from each of them, after which
 only the best search goes on."""

@@ -33,8 +33,8 @@ EFFECTIVE_INPUT = "u_e"
 """Name of the channel û_e."""
 MAX_TABULATED_SAMPLES = 4096
 """Samples of a record up to which the shifts of its Fourier series are cached: many sweeps share them."""
-MAX_SHIFTS_BYTES = 1 << 25
-"""Memory of all that are cached."""
+CACHE_BYTES = 1 << 26
+"""Memory of all that is cached of one kind, 64 MiB: half of it computes the shifts of long records again."""
 LEAST_POINTS, MOST_POINTS = 4, 64
 """Least and greatest number of points per sample that is chosen."""
 TOLERANCE_RATIO = 10.0
@@ -409,7 +409,7 @@ def resample(bins: NDArray[np.complex128], samples: int, points: int) -> NDArray
     return np.fft.irfft(bins, samples * points) * points
 
 
-@cached_arrays(MAX_SHIFTS_BYTES)
+@cached_arrays(CACHE_BYTES)
 def _shifts(samples: int, points: int) -> NDArray[np.complex128]:
     """Return the factors that shift a Fourier series by 0, 1/points… of a sample, shape (points, samples // 2 + 1)."""
     parts = np.arange(points)[:, None] / points

@@ -18,9 +18,8 @@ from fraexp.api import FrequencyResponse, Segment, record_spectrum
 MIN_PERIODS = 4
 """Periods from which the nearest lines show the noise."""
 MIN_SIZE_LINES, SIZE_LINES = 2, 1 / 4
-"""Lines on either side that show the size of the noise: at least, and for each period."""
-MIN_DIRECTION_LINES, DIRECTION_LINES = 4, 1 / 2
-"""The same for its direction."""
+"""Lines on either side that show the size of the noise: at least, and for each period; twice as many its direction.
+Half of them make its band a quarter wider."""
 
 
 def with_noise_of_neighbours(
@@ -53,8 +52,8 @@ def with_noise_of_neighbours(
 def _relative_covariance(segment: Segment, channels: tuple[str, str], periods: int, reach: int) -> NDArray[np.float64]:
     """Return the covariance of the response's error, relative to the response, at each line, shape (lines, 2, 2)."""
     given, moved = (record_spectrum(segment, channel) for channel in channels)
-    widest = min(max(MIN_DIRECTION_LINES, round(DIRECTION_LINES * periods)), periods - 1)
-    at, distance = segment.lines * periods, np.arange(1, max(widest, reach) + 1)
+    widest = min(2 * reach, periods - 1)
+    at, distance = segment.lines * periods, np.arange(1, widest + 1)
     above, below = (np.clip(at[:, None] + sign * distance, 1, moved.size - 1) for sign in (1, -1))
     with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
         ratio = (moved[at] / given[at])[:, None]

@@ -21,7 +21,7 @@ from fraexp_plugins.estimators._shared.effective_input_observer import ObserverE
 
 MIN_HIDDEN_SHARE = 0.05
 """Share of the friction force, from which it counts as hidden, that a motion too small to be seen can change."""
-PROBE_M, PROBE_STEPS, PROBE_STEP_S = 1e-3, 200, 1.0
+PROBE_M, PROBE_STEPS, SLOW_STEP_S = 1e-3, 200, 1e3
 """A slow motion on which friction reaches its greatest force: length [m], steps, and their duration [s]."""
 MAX_STOP_RATIO = 10.0
 """Motion in a sample that counts as standstill on a stop, over the motion that the record cannot show, at most."""
@@ -114,7 +114,7 @@ def _greatest_force(friction: FrictionModel) -> float:
     """Return the greatest force [N] of the friction model: its bound, or what it reaches on a slow motion."""
     if friction.force_bound is not None:
         return friction.force_bound
-    force = friction.force(np.linspace(0.0, PROBE_M, PROBE_STEPS), PROBE_STEP_S)
+    force = friction.force(np.linspace(0.0, PROBE_M, PROBE_STEPS), SLOW_STEP_S)
     return float(np.abs(force).max())
 
 
