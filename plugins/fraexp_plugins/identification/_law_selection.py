@@ -107,9 +107,9 @@ class LawSearch:
 
 RIDGE_RATIO = 1e-6
 """Weight of a ridge over that of the largest column: it decides between columns that are equal."""
-ALTERNATIVE_EXCESS = 0.05
-"""Static over Coulomb force, less 1, of a Stribeck effect beside a law, by which its Coulomb force is judged: a change
-of that force is divided by it again."""
+ALTERNATIVE_VELOCITIES, ALTERNATIVE_RATES_S, ALTERNATIVE_EXCESS = (0.1, 0.4, 1.0), (12.0, 60.0), 0.05
+"""Stribeck velocities over the largest velocity, rates of attraction over the Coulomb force, and static over Coulomb
+force less 1, of a Stribeck effect beside a law, by which its Coulomb force is judged."""
 INCOMPLETE_RATIO = 2.0
 """Factor on the change of the Coulomb force where a Stribeck effect beside a law explains more of the records."""
 LUMPS = 6
@@ -231,8 +231,8 @@ def _weakening_columns(
     thresholds, forces = _lumped(law, sizes)
     weakening = columns_of(unit_law(GeneralizedMaxwellSlip, records.swing, records.speed), thresholds)
     columns = []
-    for part in START_VELOCITIES[1]:
-        for rate in START_RATES_S:
+    for part in ALTERNATIVE_VELOCITIES:
+        for rate in ALTERNATIVE_RATES_S:
             sizes_of = [
                 {"N": excess, "m/s": part * records.speed, "N/s": rate}
                 for excess in (ALTERNATIVE_EXCESS, MIN_EXCESS_RATIO * ALTERNATIVE_EXCESS)
