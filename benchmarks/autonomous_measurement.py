@@ -9,7 +9,6 @@ machine counts as right if k0 is within 1 %, the first mode within 0.2 Hz and th
 if the verdict is ok where one of them is not.
 """
 
-import json
 import tempfile
 import time
 from pathlib import Path
@@ -24,6 +23,8 @@ from fraexp.components.kinds import FrictionModel
 from fraexp.components.registry import create
 from fraexp.data.results import Result
 from fraexp.errors import FraexpError
+from fraexp.measurement.measured_study import without_versions
+from fraexp.records.study_writer import write_study
 from fraexp.workspace.autonomous_service import AutonomousService
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -78,20 +79,14 @@ def measured(number: int, folder: str, seed: int) -> Outcome:
     """Return what an autonomous measurement of a machine finds."""
     sections, _ = drawn_sections(number, seed)
     force, plant = coulomb_force(sections), sections["plant"]
-    text = f"""
-title = "Machine {number}"
-[loop]
-sample_time = {sections["loop"]["sample_time"]!r}
-[limits]
-stroke = {STROKE}
-velocity = {VELOCITY}
-force = {FORCE_RATIO * force!r}
-[measurement]
-machine = {as_toml({"name": "simulated", **sections})}
-"""
+    study = {
+        "title": f"Machine {number}",
+        "loop": {"sample_time": sections["loop"]["sample_time"]},
+        "limits": {"stroke": STROKE, "velocity": VELOCITY, "force": FORCE_RATIO * force},
+        "measurement": {"machine": without_versions({"name": "simulated", **sections})},
+    }
     root = Path(folder)
-    (root / "studies").mkdir(exist_ok=True)
-    (root / "studies" / f"machine{number}.toml").write_text(text, encoding="utf-8")
+    write_study(root / "studies" / f"machine{number}.toml", study)
     service = AutonomousService(WorkspaceService.open(root), f"machine{number}")
     missing = {"k0": np.nan, "f1": np.nan, "F": np.nan}
     try:
@@ -113,15 +108,6 @@ def errors_of(result: Result, plant: dict[str, Any], force: float) -> dict[str, 
     modes = np.array(found[0]["frequencies"] if found else [])
     first = float(min(modes - plant["frequencies"][0], key=abs)) if modes.size else np.nan
     return {"k0": gain / plant["rigid_body_gain"] - 1, "f1": first, "F": metrics["Coulomb force"] / force - 1}
-
-
-def as_toml(value: Any) -> str:
-    """Return a value as TOML writes it in one line."""
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {as_toml(each)}" for key, each in value.items() if each is not None) + " }"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(as_toml, value)) + "]"
-    return json.dumps(value) if isinstance(value, str | bool) else repr(value)
 
 
 def machines(bench: Bench) -> None:
