@@ -70,7 +70,7 @@ class BroadbandEstimator(PlantReferredEstimator, ABC):
 
     def _checked_part(self, signals: Signals, group: Group) -> Part:
         found = self.part(signals, group)
-        error = np.max([steady_leakage(segment, self.output) for segment in group], axis=0)
+        error = mean(np.stack([steady_leakage(segment, self.output) for segment in group]))
         if self.removes_motion or error.size != found.frequency.size:
             return found
         measured = found.frequency, found.response, found.covariance
