@@ -62,7 +62,7 @@ MAX_DELAY_TURNS, STEPS_PER_TURN = 2, 4
 MIN_LOW_POINTS, LOW_FREQUENCY_RATIO = 8, 10.0
 """Lowest points from which the forces of ground are guessed: their number, and their range in frequency."""
 WEIGHT_EXPONENTS = (1.0, 0.5)
-"""Exponents x of the weights |Ĝ|^-x: the first favours the anti-resonances, the second the resonances."""
+"""Exponents x of |Ĝ|^-x in the weights: the first favours the anti-resonances, the second the resonances."""
 FREQUENCY_RANGE_FACTOR = 1.25
 """Natural frequency of a mode outside with which a search begins, over the upper limit of the frequency range."""
 FIRST_DAMPING_RATIO, RELOCATIONS = 0.02, 5
@@ -76,6 +76,8 @@ class ModelEnd(NamedTuple):
 
     ground: NDArray[np.float64]
     """Forces of ground [N s/m, N/m], as many as are free."""
+    ground_std: NDArray[np.float64]
+    """Their standard deviations."""
     delay: float
     """Dead time [s]."""
 
@@ -90,8 +92,10 @@ def start_vectors(
     undelayed = data.response * np.exp(data.s * end.delay)
     # k0 S = G/(1 - (D s + K) G): as an equation for S that is linear, and does not divide by a small difference
     factor = 1 - model.ground_columns(data.s) @ end.ground * undelayed
+    doubt = np.abs(model.ground_columns(data.s)) @ end.ground_std * np.abs(undelayed / factor)
+    error = np.sqrt(1 / data.weight + doubt**2)
     for exponent in WEIGHT_EXPONENTS:
-        weight = np.abs(data.response) ** -exponent
+        weight = np.abs(data.response) ** -exponent / error
         found = _relocated(data.s, undelayed, factor, weight, poles, relocations)
         rows = np.vstack([1 / data.s**2, resonators(data.s, 2 * np.pi * found[:, 0], found[:, 1])])
         gains = _coefficients(_real(rows * weight * factor), _real(undelayed * weight))
@@ -147,9 +151,9 @@ def _real(values: NDArray[np.complex128]) -> NDArray[np.float64]:
 def _ends(model: ModalModel, data: LogResponse) -> Iterator[ModelEnd]:
     """Yield the ends to try: each dead time without ground, and with the ground that the lowest points show."""
     for delay in _dead_times(model, data):
-        yield ModelEnd(np.zeros(len(model.ground)), delay)
+        yield ModelEnd(np.zeros(len(model.ground)), np.zeros(len(model.ground)), delay)
         if model.ground:
-            yield ModelEnd(low_ground(model, data, delay)[0], delay)
+            yield ModelEnd(*low_ground(model, data, delay), delay)
 
 
 def _dead_times(model: ModalModel, data: LogResponse) -> list[float]:
@@ -369,7 +373,8 @@ def _search(model: ModalModel, data: LogResponse, before: Solution | None) -> ND
     even = np.column_stack([spread, np.full(spread.size, FIRST_DAMPING_RATIO)])
     ways = [[p for end in _ends(model, data) for p in start_vectors(model, data, end, even)]]
     if before is not None:
-        end = ModelEnd(before.model.ground_forces(before.p), before.model.delay(before.p))
+        forces = before.model.ground_forces(before.p)
+        end = ModelEnd(forces, np.zeros(forces.size), before.model.delay(before.p))
         outside = np.array([[FREQUENCY_RANGE_FACTOR * data.frequency[-1], FIRST_DAMPING_RATIO]])
         for added, relocations in ((even, RELOCATIONS), (outside, 0)):
             extended = [np.concatenate([before.poles, [pole] * (model.modes - len(before.poles))]) for pole in added]
