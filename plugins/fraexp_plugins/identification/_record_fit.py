@@ -263,9 +263,9 @@ class RecordFit:
         for place, (record, each, own) in enumerate(zip(self.records, trials, state.own, strict=True)):
             columns, rows = self._differences(record, each, [next(moved) for _ in each])
             if known is None:
-                turn = np.linalg.inv(across)
-                sides = slice(0, 2 * count, 2), slice(1, 2 * count, 2)
-                of_shared, of_lines = ((each[:, sides[0]] - each[:, sides[1]]) @ turn / 2 for each in (columns, rows))
+                turn = np.linalg.inv(across) / 2
+                of_shared = (columns[:, 0 : 2 * count : 2] - columns[:, 1 : 2 * count : 2]) @ turn
+                of_lines = (rows[:, 0 : 2 * count : 2] - rows[:, 1 : 2 * count : 2]) @ turn
             else:
                 of_shared = known.records[place].jacobian[:, :count]
                 of_lines = known.inverse_slopes[place][:, :count]
