@@ -99,7 +99,8 @@ def test_a_wrong_channel_has_no_good_verdict(recorded: Any) -> None:
 
 @pytest.mark.thorough
 def test_friction_that_hides_its_weakening_has_no_false_verdict(recorded: Any) -> None:
-    signals = recorded(LEVELS, {**WEAKENING, "stribeck_velocity": 0.1})
+    denser = {**LEVELS, "parts": [*({**part, "points": 16} for part in LEVELS["parts"][:-1]), FRESH]}
+    signals = recorded(denser, {**WEAKENING, "stribeck_velocity": 0.1})
     result = judged(ESTIMATOR, signals)
     metrics = {metric.name: metric.value for metric in result.metrics}
     error = abs(metrics["Coulomb force"] - FORCE)
