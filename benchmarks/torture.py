@@ -77,17 +77,21 @@ class Run:
 
     def members(self) -> dict[str, list[int]]:
         """Return the processes of the group by what they are."""
-        found: dict[str, list[int]] = {"scheduler": [self.process.pid], "worker": [], "tracker": []}
+        found: dict[str, list[int]] = {"scheduler": [self.process.pid], "worker": [], "server": [], "tracker": []}
+        parents: dict[int, int] = {}
         for pid in map(int, filter(str.isdecimal, (entry.name for entry in Path("/proc").iterdir()))):
             try:
                 if pid == self.process.pid or os.getpgid(pid) != self.process.pid:
                     continue
                 command = Path(f"/proc/{pid}/cmdline").read_bytes()
+                parents[pid] = int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
             except OSError:  # it is gone
                 continue
-            for what, word in (("worker", b"spawn_main"), ("tracker", b"resource_tracker")):
+            for what, word in (("server", b"forkserver"), ("tracker", b"resource_tracker")):
                 if word in command:
                     found[what].append(pid)
+        forked = found.pop("server")  # the server of all workers, and its children
+        found["worker"] = [pid for pid in forked if parents[pid] in forked]
         return found
 
     def gone(self, patience: float) -> bool:

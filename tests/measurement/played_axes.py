@@ -14,6 +14,7 @@ from fraexp.data.results import Outcome
 from fraexp.data.signals import Signals
 from fraexp.measurement.excitation_files import ExcitationTable
 from fraexp.records.record_settings import RecordSettings
+from fraexp.study.accuracy import Accuracy
 
 Array = NDArray[np.float64]
 
@@ -93,5 +94,6 @@ def section_of(file: Path, table: ExcitationTable, controller: dict[str, Any]) -
 
 
 def is_doubted(signals: Signals) -> bool:
-    """Return whether the columns of a record are in doubt."""
-    return signals.outcome is Outcome.INACCURATE or "'u'" in signals.message or "'y'" in signals.message
+    """Return whether the columns of a record are in doubt by more than the usual accuracy."""
+    allowed = Accuracy().relative_error
+    return signals.outcome is Outcome.INACCURATE or any(each.error > allowed for each in signals.findings)

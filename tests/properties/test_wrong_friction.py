@@ -22,8 +22,7 @@ TABLE_FORCE_N, WIDTH_M = 17.9, 46.8e-6
 TABLE_FRICTION = guide(TABLE_FORCE_N, WIDTH_M, viscous=0.0)
 WRONG = 10 ** (2 * USUAL_MAGNITUDE / 20)
 """Factor by which the plant is beyond the band of a response that is wrong: twice the usual accuracy."""
-amplitudes = st.floats(0.3, 5.0)
-"""Amplitude over the Coulomb force."""
+amplitudes = st.floats(0.3, 5.0)  # over the Coulomb force
 errors = st.floats(-0.1, 0.1)
 """Within one standard deviation of what a model is uncertain by where nothing is stated."""
 encoders = st.sampled_from([{"resolution": 1e-7}, {"resolution": 1e-7, "noise": 3e-8}, {"noise": 1e-8}])
