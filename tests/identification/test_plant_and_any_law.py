@@ -107,3 +107,4 @@ def test_friction_that_hides_its_weakening_has_no_false_verdict(recorded: Any) -
     assert error <= metrics["Coulomb force, 95 %"]
     allowed = Accuracy().relative_error
     assert result.outcome is not Outcome.OK or metrics["Coulomb force, 95 %"] <= allowed * metrics["Coulomb force"]
+    assert metrics["validation error"] < 0.03  # which does not see it

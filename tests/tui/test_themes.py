@@ -1,7 +1,5 @@
 """The colours of the themes: every text can be read, and a state is known without its colour."""
 
-import re
-
 import pytest
 from rich.style import Style
 from textual.color import Color
@@ -29,16 +27,6 @@ PAGES = SCREENS | {
     "trial": (("p", "slash", *"lugre", "enter", "enter"), ("|N| [N/m] over amplitude [m]",)),
 }
 """The screens that have a snapshot, and those whose content changes with each plugin."""
-
-
-def themes_of_each_form() -> list[str]:
-    """Return themes in which each colour is written in each way that one has: in figures, with an opacity, by name."""
-    found, seen = list[str](), set[tuple[str, str]]()
-    for name in THEMES:
-        forms = {(of, re.sub(r"#\w+|\d+(\.\d+)?", "0", text)) for of, text in colours_of(name).items()}
-        found += [name] if forms - seen else []
-        seen |= forms
-    return found
 
 
 def colours_of(name: str) -> dict[str, str]:
@@ -109,22 +97,22 @@ def test_a_muted_text_stands_out_less_than_others():
 
 
 @pytest.mark.thorough
-def test_each_form_of_theme_can_draw_each_page(tmp_path):
+def test_each_theme_can_draw_each_page(tmp_path):
     """An error would end the terminal UI."""
     store_examples(tmp_path)
-    themes, drawn = themes_of_each_form(), set()
+    drawn = set()
 
     async def steps(app: FraexpApp, pilot: Pilot[None]) -> None:
-        app.theme = themes[0]
+        app.theme = next(iter(THEMES))
         async for name in walk(app, pilot, PAGES):
-            for theme in themes:
+            for theme in THEMES:
                 app.theme = theme
                 await pilot.pause()
                 assert screen_text(app).strip()
                 drawn.add((name, theme))
 
     pilot_of(tmp_path, steps, size=(100, 30))
-    assert drawn == {(name, theme) for name in [*PAGES, "measurement"] for theme in themes}
+    assert drawn == {(name, theme) for name in [*PAGES, "measurement"] for theme in THEMES}
 
 
 def test_a_table_takes_the_colours_of_another_theme(tmp_path):
