@@ -45,7 +45,7 @@ ENTRIES = [
     Entry(
         "methods/comparison",
         "comparison.png",
-        "Error of each method against the plant over frequency, and a table with stroke, force and time",
+        "Error of each method against the plant over frequency",
         "[Methods](methods.md#comparison)",
     ),
     Entry(
@@ -81,7 +81,7 @@ ENTRIES = [
     Entry(
         "positioning/robustness",
         "robustness.png",
-        "Distributions of overshoot, settling time and peak thrust over 200 machines, and a table of the worst ones",
+        "Distributions of overshoot, settling time and peak thrust over 200 machines, with the worst ones",
         "[Random draws](studies.md#random-draws)",
     ),
 ]

@@ -327,9 +327,7 @@ COMMANDS = {
         "export",
         "export the result of a sweep to CSV, JSON, MAT, HDF5 or UNV, or a controller to C or ST",
         _option("id ID", ID_HELP),
-        _output(
-            "file to write: .csv, .json, .mat, .h5 or .unv; .c, .h (C99) or .st (Structured Text) for a controller"
-        ),
+        _output("file to write: .csv, .json, .mat or .h5; .c, .h (C99) or .st (Structured Text) for a controller"),
         _switch("--single", "code in single precision instead of double"),
         FORCE,
     ),

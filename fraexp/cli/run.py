@@ -6,7 +6,6 @@ from argparse import Namespace
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.follow import follow, print_outcome
 from fraexp.cli.output import print_json, print_path, say
-from fraexp.cli.report import report_folders
 from fraexp.errors import StudyError
 from fraexp.execution.executors import ResourceLimits
 from fraexp.execution.scheduler import RunOptions
@@ -23,11 +22,7 @@ def execute(arguments: Namespace) -> ExitCode:
         arguments.study, arguments.executor, arguments.overrides, arguments.dry_run, arguments.rerun, limits
     )
     followed = follow(events)
-    code = print_outcome(followed, arguments, workspace)
-    runs = [ended.run for ended in followed.ended if ended.run is not None]
-    if runs and not followed.interrupted:
-        report_folders(arguments, runs, workspace)
-    return code
+    return print_outcome(followed, arguments, workspace)
 
 
 def _detach(arguments: Namespace, workspace: WorkspaceService) -> ExitCode:

@@ -4,7 +4,7 @@ from fraexp.errors import FraexpError, did_you_mean
 
 FIGURES = {
     "bode": "magnitude and phase over frequency, with 95 % bands",
-    "errors": "error of each response against P(jω) over frequency, and as a table at some frequencies",
+    "errors": "error of each response against P(jω) over frequency",
     "amplitude_map": "error against P(jω), or the response, in colours over frequency and excitation amplitude",
     "difference": "how magnitude and phase differ from those of the first response, over frequency",
     "nyquist": "responses in the complex plane",
@@ -12,7 +12,7 @@ FIGURES = {
     "levels": "magnitude over the standard deviations by noise and by nonlinear distortions",
     "hysteresis": "friction force over displacement",
     "positioning": "position less target over time within a few bands, and the thrust",
-    "distribution": "metrics over random draws: share of the draws, median, 95 % and the worst, with its number",
+    "distribution": "metrics over random draws: share of the draws, with median and 95 %, and the worst draw",
     "curves": "other curves, a panel for each column",
 }
 """What each kind shows."""

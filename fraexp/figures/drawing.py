@@ -27,10 +27,10 @@ from fraexp.figures.kinds.hysteresis_loops import draw_hysteresis, hysteresis_in
 from fraexp.figures.kinds.levels import draw_levels, levels_info
 from fraexp.figures.kinds.nyquist import draw_nyquist, nyquist_info
 from fraexp.figures.kinds.other_curves import curves_info
-from fraexp.figures.kinds.plant_errors import draw_errors, errors_info
+from fraexp.figures.kinds.plant_errors import errors_figure, errors_info
 from fraexp.figures.kinds.positioning_moves import is_positioning, positioning_info
 
-FACET_KINDS = ("hysteresis", "positioning", "curves", "difference", "coherence", "nyquist")
+FACET_KINDS = ("hysteresis", "positioning", "curves", "errors", "difference", "coherence", "nyquist")
 """Kinds of figures that have facets but no map."""
 
 
@@ -111,7 +111,7 @@ def _default_kind(request: _FigureRequest) -> str:
 
 DRAWING_FUNCTIONS: dict[str, Callable[[_FigureRequest], Figure]] = {
     "bode": _draw_bode,
-    "errors": lambda of: draw_errors(errors_info(of.shown, of.title)),
+    "errors": lambda of: draw_panels(errors_figure(errors_info(of.shown, of.title))),
     "amplitude_map": lambda of: draw_amplitude_map(amplitude_map_info(of.shown, of.title)),
     "difference": lambda of: draw_difference(difference_info(of.shown, of.title)),
     "nyquist": lambda of: draw_nyquist(nyquist_info(of.shown, of.reference, of.title)),

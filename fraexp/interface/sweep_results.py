@@ -191,7 +191,7 @@ class SweepResult:
         return self.service.figures.figure(sweeps, results, self._title(), kind, frequency_view(frequency_range))
 
     def export(self, path: str | Path, force: bool = False) -> Path:
-        """Write the result as .csv, .json, .mat, .h5 or .unv and return the path; `force` replaces a file.
+        """Write the result as .csv, .json, .mat or .h5 and return the path; `force` replaces a file.
 
         To .c, .h or .st the controller of the sweep is written as code.
         """

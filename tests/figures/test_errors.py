@@ -3,8 +3,9 @@ import pytest
 
 from fraexp.data.results import Metric, Outcome, Result
 from fraexp.errors import FraexpError
+from fraexp.figures.drawing import draw_figure
 from fraexp.figures.elements.grouping import ShownResult
-from fraexp.figures.kinds.plant_errors import FREQUENCY_FACTOR, draw_errors, errors_info
+from fraexp.figures.kinds.plant_errors import FREQUENCY_FACTOR, errors_info
 from tests.figures.curves import make_response
 from tests.refusals import refused
 
@@ -52,19 +53,11 @@ def test_responses_without_a_known_plant_are_left_out() -> None:
         errors_info([shown(1.0, truth=False)])
 
 
-def test_lines_and_table_tell_the_same() -> None:
+def test_an_axis_is_logarithmic_only_far_from_its_linear_range() -> None:
     curves = [shown(factor, f"case {factor}") for factor in (2.0, 1.0, 0.01)]
-    figure = draw_errors(errors_info(curves, "My methods"))
-    upper, lower, table = figure.axes
-    assert figure.subfigs[0].get_suptitle() == "My methods"
+    figure = draw_figure(curves, title="My methods", kind="errors")
+    upper, lower = figure.axes
+    assert upper.get_title() == "My methods"
     assert upper.get_yscale() == "symlog", "errors of 0.01 and of 40 dB are both to be seen"
     assert lower.get_yscale() == "linear", "no phase is off"
-    texts = [text.get_text() for text in table.texts]
-    assert {"case 2.0", "case 1.0", "case 0.01", "39 Hz", "stroke\n[mm]"} <= set(texts)
-    assert texts.count("6.02, 0.00°") == texts.count("-40.0, 0.00°") == 5
-    assert texts.count("-") == 2 * 3, "two of seven frequencies have no point near"
-
-
-def test_more_curves_than_can_be_told_apart_are_refused() -> None:
-    with refused(FraexpError, "21 responses", 20):
-        draw_errors(errors_info([shown(1.0, str(number)) for number in range(21)]))
+    assert [text.get_text() for text in figure.legends[0].texts] == ["case 2.0", "case 1.0", "case 0.01"]

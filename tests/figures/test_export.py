@@ -1,14 +1,12 @@
 """Every format gives back the numbers that went in, as precisely as it can hold them."""
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-import pyuff
 from scipy.io import loadmat
 
 from fraexp.data.findings import remarks
@@ -116,30 +114,6 @@ def test_hdf5_gets_datasets_with_units(tmp_path: Path, result: Result, response:
         assert file["metrics/settling time"][()] == 0.25
 
 
-def test_universal_files_hold_twelve_digits(tmp_path: Path, result: Result, response: FrequencyResponse) -> None:
-    export(result, HEADER, tmp_path / "a.unv")
-    sets = pyuff.UFF(str(tmp_path / "a.unv")).read_sets()
-    assert [one["type"] for one in sets] == [58, 58, 58]
-    assert sets[0]["func_type"] == 4
-    assert sets[0]["id1"].strip() == "studies/a b.toml"
-    assert sets[0]["ordinate_axis_units_lab"].strip() == "m/N"
-    parts = sets[0]["data"]
-    np.testing.assert_allclose(parts.real, response.response.real, rtol=1e-11)  # printed with 12 digits
-    np.testing.assert_allclose(parts.imag, response.response.imag, rtol=1e-11)
-    np.testing.assert_allclose(sets[0]["x"], response.frequency, rtol=5e-6)  # the format's abscissa: 6 digits
-    np.testing.assert_allclose(sets[1]["data"], response.frequency, rtol=1e-11)
-    np.testing.assert_allclose(sets[2]["data"], response.standard_deviation, rtol=1e-11)
-
-
-def test_a_universal_file_without_its_library_names_the_extra(
-    tmp_path: Path, result: Result, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "pyuff", None)
-    with refused(FraexpError, "pyuff", "'fraexp[uff]'", ".json"):
-        export(result, HEADER, tmp_path / "a.unv")
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.fixture
 def loops() -> Result:
     loop = Curve("loop", {"y": np.array([0.0, 1e-5, 0.0]), "f": np.array([1.0, -1.0, 0.1])}, {"y": "m", "f": "N"})
@@ -152,17 +126,7 @@ def test_curves_are_exported_where_there_is_no_response(tmp_path: Path, loops: R
         export(loops, {}, tmp_path / f"a{suffix}")
     text = (tmp_path / "a.csv").read_text("utf-8")
     assert "# curve: loop\ny [m],f [N]\n0.0,1.0\n1e-05,-1.0\n0.0,0.1\n# curve: virgin\nx\n" in text
-    sets = pyuff.UFF(str(tmp_path / "a.unv")).read_sets()
-    np.testing.assert_allclose(sets[1]["data"], [1.0, -1.0, 0.1], rtol=1e-11)
     assert loadmat(tmp_path / "a.mat", simplify_cells=True)["fraexp"]["curves"]["loop"]["units"]["f"] == "N"
-
-
-def test_an_unknown_standard_deviation_is_left_out_of_universal_files(
-    tmp_path: Path, response: FrequencyResponse
-) -> None:
-    response.covariance[3] = np.nan
-    export(Result(Outcome.OK, response=response), {}, tmp_path / "a.unv")
-    assert len(pyuff.UFF(str(tmp_path / "a.unv")).read_sets()) == 2
 
 
 def test_a_file_is_replaced_only_by_force(tmp_path: Path, result: Result) -> None:
@@ -208,7 +172,6 @@ def test_a_file_where_a_folder_should_be_is_one_line(suffix: str, tmp_path: Path
         (None, "a", ("''", ".json")),
         (None, "x/a.csv", ("x/a.csv",)),
         (Result(Outcome.DIVERGED, remarks("why")), "a.csv", ("a.csv", "diverged: why")),
-        (Result(Outcome.OK, metrics=(Metric("stroke", 1.0, "m"),)), "a.unv", (".unv", "2 points", ".json")),
     ],
 )
 def test_what_cannot_be_exported_is_refused_in_one_line(

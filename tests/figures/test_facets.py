@@ -39,7 +39,9 @@ def result_of(factor: float) -> Result:
 
 def shown_grid(grid: list[Labels]) -> list[ShownResult]:
     places = group_sweeps(grid, {"excitation.amplitude": "N"})
-    return [ShownResult(f"sweep {n}", result_of(1.0 + n), place, key=str(n)) for n, place in enumerate(places)]
+    return [
+        ShownResult(f"sweep {n}", result_of(1.0 + n), place, -1 / GRID**2, key=str(n)) for n, place in enumerate(places)
+    ]
 
 
 def combinations(**values: list[object]) -> list[Labels]:

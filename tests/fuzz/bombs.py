@@ -14,12 +14,10 @@ import h5py
 import numpy as np
 
 from fraexp.components.registry import Registry
-from fraexp.data.results import Outcome, Result
-from fraexp.figures.result_files import write_universal
 from fraexp.store.codec import NPY_MAGIC, decode_array
-from tests.cli.conftest import response_of
 from tests.fuzz import files, mutation
 from tests.fuzz.watching import Target
+from tests.records.corpus_writers import uff_response
 
 CLAIMS = (10 * 2**30, 2**31 - 1, 2**32 - 1, 2**40, 2**62, 2**63 - 1)
 """Bytes or elements that a header claims."""
@@ -86,9 +84,8 @@ def _others(folder: Path) -> Callable[[Random], tuple[str, bytes]]:
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("t.npy", bytes(INFLATED_BYTES))
-    universal = folder / "seed.unv"
-    write_universal(Result(Outcome.OK, response=response_of(0.1)), {"study": "fuzz"}, universal)
-    seeds = [packed.getvalue(), universal.read_bytes()]
+    uff_response(folder)
+    seeds = [packed.getvalue(), (folder / "a.unv").read_bytes()]
     names = ("a.unv", "a.uff", "a.npz", "a.zip", "a.csv", "a.mat", "a.h5", "a.txt")
     return lambda rng: (rng.choice(names), mutation.octets(rng, rng.choice(seeds), seeds))
 

@@ -41,7 +41,7 @@ TABLES = (
 CELLS = (",", ";", "\t", '"', "#", "%", "\n", "\r", "\x00", "[mm]", "(N)", "nan", "1e400", "1,5", "u [N]")
 LIKELY = 7
 """Refusals of a file in which some of the columns are there."""
-SUFFIXES = (".csv", ".json", ".mat", ".h5", ".unv")
+SUFFIXES = (".csv", ".json", ".mat", ".h5")
 ESCAPE = "\x1b"
 COMMANDS = [words.split() for words in (
     "list", "list --json", "show 1", "show 1 --json", "compare 1", "list state=computed", "list laser",
@@ -222,7 +222,7 @@ def _shown(folder: Path, file: Path, plot: bool = False) -> None:
         keys += [str(key)[4:] for (key,) in connection.execute("SELECT key FROM sweep LIMIT 3")]
     for key in keys:
         codes.append(command(["show", key, *place]))
-        target = folder / f"out{SUFFIXES[len(key) % 5]}"
+        target = folder / f"out{SUFFIXES[len(key) % 4]}"
         codes.append(command(["export", key, "-o", str(target), "--force", *place]))
     if plot:
         codes.append(command(["plot", "1", "-o", str(folder / "out.png"), *place]))

@@ -28,7 +28,7 @@ from fraexp.store import Store
 
 MAX_FLIPS = 20
 EXPORTED_SWEEPS = 2
-SUFFIXES = (".csv", ".json", ".h5", ".mat", ".unv")
+SUFFIXES = (".csv", ".json", ".h5", ".mat")
 TIMING = ("heartbeat", "progress")
 """Keys of documents that only show how a run goes on."""
 MERGED = ("experiment", "estimator", "metrics", "response", "curves", "fits", "outcome", "created", "elapsed")

@@ -27,12 +27,14 @@ FACET_FONT_SIZE, MAX_FACET_TICKS = 9.5, 5
 
 
 def panel_places(places: Sequence[CurvePlace], kind: str) -> list[CurvePlace]:
-    """Return places for a kind of figure that has no map: names that would be rows get a panel each.
+    """Return places for a kind of figure that has no map: names that would be rows get a panel each, or share one.
 
-    Amounts that would be rows keep theirs, which sets the colour. FraexpError if there are too many curves.
+    They share one if they are too many for panels, but not for lines. Amounts that would be rows keep theirs, which
+    sets the colour. FraexpError if there are too many curves.
     """
     if any(of.is_mapped and not of.axis for of in places):
-        places = [of._replace(facet=of.group, row=np.nan) for of in places]
+        is_shared = MAX_FACETS < len({of.group for of in places}) <= MAX_SINGLE_CURVES
+        places = [of._replace(facet="" if is_shared else of.group, row=np.nan) for of in places]
     facets = facet_indices(places)
     groups = max(
         (len({places[at].group for at in of if not places[at].is_mapped}) for of in facets.values()), default=0

@@ -164,7 +164,7 @@ def difference_curve(
     reference: FrequencyResponse,
     other: FrequencyResponse,
     key: str = "",
-    place: CurvePlace | None = None,
+    place: CurvePlace = OWN_PLACE,
 ) -> ErrorCurve | None:
     """Return the difference of `other` from `reference` at the settled frequencies; None if they share none.
 

@@ -1,8 +1,8 @@
-"""Distribution of metrics over Monte Carlo samples, with median, 95 % quantile and the worst sample."""
+"""Distribution of metrics over Monte Carlo samples, with the levels of median and 95 %, and the worst sample."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,6 @@ from fraexp.figures.elements.canvas import LineStyle
 from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.elements.labels import MAX_GROUPS, drawable
 from fraexp.figures.elements.scales import DISPLACEMENT_UNITS
-from fraexp.figures.elements.table_panel import FigureTable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,13 +41,6 @@ class _MetricSample:
     """Number of draws, including those without a value."""
     worst: ShownResult | None
     """The sweep with the largest magnitude; None if no sweep has a value."""
-    missing: ShownResult | None
-    """The first sweep without a value, such as one that never settles; None if all have one."""
-
-    def quantile(self, share: float) -> float:
-        """Return a quantile of the draws; infinite if too few have a value."""
-        index = max(int(np.ceil(share * self.count - 1e-9)), 1) - 1
-        return float(self.values[index]) if index < self.values.size else np.inf
 
 
 @dataclass(frozen=True)
@@ -122,8 +114,7 @@ def _panel(name: str, unit: str, families: Mapping[str, Sequence[ShownResult]]) 
     for family, column in values.items():
         known, members = np.isfinite(column), families[family]
         worst = members[int(np.nanargmax(np.where(known, np.abs(column), np.nan)))] if known.any() else None
-        missing = None if known.all() else members[int(np.argmin(known))]
-        samples.append(_MetricSample(family, factor * np.sort(column[known]), column.size, worst, missing))
+        samples.append(_MetricSample(family, factor * np.sort(column[known]), column.size, worst))
     return _DistributionPanel(name, readable, tuple(samples))
 
 
@@ -138,17 +129,13 @@ def _readable_unit(unit: str, greatest: float) -> tuple[float, str]:
 
 
 def draw_distribution(info: DistributionInfo) -> "Figure":
-    """Draw the distribution function of each metric above a table of quantiles and worst draws."""
+    """Draw the distribution function of each metric, with a line for each family."""
     count = len(info.panels)
     columns, rows = (1, 1) if count == 1 else (2, -(-count // 2))
     with canvas.figure_style():
         styles = dict(zip(info.families, canvas.named_styles(len(info.families)), strict=True))
-        lines = [style for panel in info.panels for style in (styles[sample.label] for sample in panel.samples)]
-        table = FigureTable(*_table_cells(info))
-        figure = canvas.new_figure(max(9.0, table.width), height=0.8 + 3.0 * rows + table.height)
-        parts: Any = figure.subfigures(2, 1, height_ratios=(0.6 + 3.0 * rows, table.height))
-        upper, lower = parts
-        grid = upper.subplots(rows, columns, squeeze=False, sharey=True)
+        figure = canvas.new_figure(9.0, height=1.2 + 3.0 * rows)
+        grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
         for axes, panel in zip(grid.flat, info.panels, strict=False):
             _draw_panel(axes, panel, styles)
         for axes in list(grid.flat)[count:]:
@@ -156,8 +143,8 @@ def draw_distribution(info: DistributionInfo) -> "Figure":
         for axes in grid[:, 0]:
             axes.set_ylabel("Share of the draws [%]")
         canvas.draw_grid(*list(grid.flat)[:count])
-        upper.suptitle(canvas.wrapped_title(figure, info.title))
-        table.draw(lower.subplots(), lines)
+        figure.suptitle(canvas.wrapped_title(figure, info.title))
+        canvas.add_legend_below(figure, *list(grid.flat)[:count])
     return figure
 
 
@@ -165,9 +152,10 @@ def _draw_panel(axes: "Axes", panel: _DistributionPanel, styles: Mapping[str, Li
     for level in QUANTILE_LEVELS:
         axes.axhline(100 * level, color="0.4", linewidth=0.8, linestyle=(0, (4, 4)), zorder=2)
     for sample in panel.samples:
+        style = styles[sample.label]
+        axes.plot([], [], label=drawable(sample.label), **style)  # in the legend even if no draw has a value
         if sample.worst is None:
             continue
-        style = styles[sample.label]
         share = 100 * np.arange(sample.values.size + 1) / sample.count
         axes.step(np.append(sample.values[0], sample.values), share, where="post", **style)
         x, y = sample.values[-1 if sample.values[-1] >= -sample.values[0] else 0], share[-1]
@@ -195,32 +183,3 @@ def _axis_title(panel: _DistributionPanel) -> str:
 
 def _draw_name(of: ShownResult) -> str:
     return f"draw {of.drawn.number}" if of.drawn else of.label
-
-
-def _table_cells(info: DistributionInfo) -> tuple[list[str], list[list[str]]]:
-    titles = ["", "metric", "median", "95 %", "worst", "of", "sweep", "without\na value"]
-    rows = [
-        [
-            drawable(sample.label), drawable(_axis_title(panel)),
-            *(_value_text(sample.quantile(level)) for level in QUANTILE_LEVELS),
-            *_worst_cells(sample), _missing_text(sample),
-        ]
-        for panel in info.panels
-        for sample in panel.samples
-    ]  # fmt: skip
-    return titles, rows
-
-
-def _worst_cells(sample: _MetricSample) -> list[str]:
-    if sample.worst is None:
-        return ["none", "", ""]
-    return [_value_text(float(max(sample.values, key=abs))), drawable(_draw_name(sample.worst)), sample.worst.key[4:12]]
-
-
-def _missing_text(sample: _MetricSample) -> str:
-    count = sample.count - sample.values.size
-    return f"{count}, first {_draw_name(sample.missing)}" if sample.missing else str(count)
-
-
-def _value_text(value: float) -> str:
-    return f"{value:.4g}" if np.isfinite(value) else "none"

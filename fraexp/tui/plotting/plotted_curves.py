@@ -12,7 +12,7 @@ from fraexp.errors import FraexpError
 from fraexp.figures.elements.bands import Bundle
 from fraexp.figures.elements.frequency_lines import GroupedLine
 from fraexp.figures.elements.grouping import CurvePlace, ShownResult, point_indices
-from fraexp.figures.elements.panel_figure import PanelFigure, over_frequency
+from fraexp.figures.elements.panel_figure import PanelFigure
 
 REFERENCE = -1
 """Index of the reference, in place of the index of a sweep."""
@@ -177,13 +177,13 @@ def with_curves(picture: Picture, curve_of: Mapping[int, int]) -> Picture:
 def difference_picture(shown: Sequence[ShownResult], first: int) -> Picture:
     """Return the differences of responses from the sweep at place `first`; with `REFERENCE`, from the plant."""
     from fraexp.figures.kinds.difference import difference_figure, difference_info
-    from fraexp.figures.kinds.plant_errors import error_panels, errors_info
+    from fraexp.figures.kinds.plant_errors import errors_figure, errors_info
 
     found = _numbered(shown)
     if first == REFERENCE:
         errors = errors_info(found)
         missing = [one.label for one in found if one.truth is None and one.response is not None]
-        kind, figure, name = "errors", over_frequency(errors.title, *error_panels(errors.curves)), "P(jω)"
+        kind, figure, name = "errors", errors_figure(errors), "P(jω)"
     else:
         info = difference_info([found[first], *found[:first], *found[first + 1 :]])
         missing = list(info.left_out)

@@ -73,7 +73,7 @@ plugins that computed the sweep have changed since.
 """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "mark", "mark", tooltip="mark or unmark the sweep"),
-        Binding("e", "export", "export", tooltip="export the result as CSV, JSON, MATLAB, HDF5 or universal file"),
+        Binding("e", "export", "export", tooltip="export the result as CSV, JSON, MATLAB or HDF5"),
         Binding("c", "compare", "compare", tooltip="compare with the marked sweeps"),
         *(
             Binding(str(index), f"section('{name}')", title, show=False, tooltip=f"section {title}")
