@@ -1,5 +1,7 @@
 """Records whose periods had not settled are not ok; noise, drift and settled machines are."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from fraexp_plugins.estimators.conventional import Conventional
@@ -27,6 +29,7 @@ def dahl_axis(force: NDArray[np.float64], position_gain: float) -> NDArray[np.fl
     return positions
 
 
+@cache
 def stepped_record(periods: int, skipped: int, noise: float) -> Signals:
     """Return a stepped sine whose steps begin when the frequency changes, less the first periods of each."""
     samples = [round(1 / frequency / SAMPLE_TIME) for frequency in FREQUENCIES]

@@ -1,5 +1,6 @@
 """Sines that tell most in a given time: the search against all plans there are, the design, and what is refused."""
 
+from bisect import bisect_right
 from dataclasses import replace
 from itertools import product
 
@@ -60,12 +61,12 @@ def search(request):
 def every_plan(search):
     """Yield all plans that are possible."""
     for records in product(*search.choices):
+        lasting = [records[0].time(count) for count in range(1, 60)]
         counts = [range(int(wanted), 30) for wanted in search.is_wanted]
         for pair in product(*counts[1:]):
             left = search.time - sum(record.time(count) for record, count in zip(records[1:], pair, strict=True))
-            most = max((count for count in range(1, 60) if records[0].time(count) <= left), default=0)
-            if most:
-                yield Plan(records, (most, *pair))
+            if lasting[0] <= left:
+                yield Plan(records, (bisect_right(lasting, left), *pair))
 
 
 def test_the_search_finds_the_best_of_all_plans(search):

@@ -46,10 +46,9 @@ def test_what_the_motion_took_is_found(late: int, asymmetry: float, noise: float
 
 
 def test_the_intervals_hold_the_truth_in_noise() -> None:
-    covered = []
-    for seed in range(15):
-        clean = record()
-        (segment,) = clean.segments
+    covered, clean = [], record()
+    (segment,) = clean.segments
+    for seed in range(10):
         u = segment.channels["u"] + np.random.default_rng(seed).normal(size=segment.channels["u"].shape)
         noisy = Segment(1 / RATE, {**segment.channels, "u": u}, segment.lines, segment.settling)
         found = values(sliding().estimate(Signals((noisy,), clean.units)))
@@ -155,7 +154,7 @@ def test_a_jump_of_the_reference_at_the_start_does_no_harm() -> None:
 
 
 def test_no_start_is_left_out_without_reason() -> None:
-    for seed in range(8):
+    for seed in range(5):
         result = sliding().estimate(disturbed(0.0, 1.0, 1.0, seed))
         assert "left out" not in result.message
 

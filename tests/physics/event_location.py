@@ -205,29 +205,28 @@ def _control(loop: Loop, rows, y: float, k: int, excitation: NDArray[np.float64]
     return total
 
 
-class _Motion(NamedTuple):
+class _Motion:
     """The equations of motion at one thrust."""
 
-    loop: Loop
-    law: EventLaw
-    thrust: float
+    def __init__(self, loop: Loop, law: EventLaw, thrust: float) -> None:
+        self.loop, self.law, self.thrust, self.states = loop, law, thrust, loop.plant.b.size
+        row = loop.plant.c @ loop.plant.a
+        self.velocity_row, self.mobility = row, float(row @ loop.plant.b)
+        self.held_row = (row @ loop.plant.a - self.mobility * loop.viscous * row) / self.mobility
 
     def velocity_and_hold(self, x):
         """Return the velocity, and the friction force that would keep it as it is."""
-        plant = self.loop.plant
-        row, states = plant.c @ plant.a, plant.b.size
-        velocity = float(row @ x[:states])
-        accelerated = row @ plant.a @ x[:states] + row @ plant.b * (self.thrust - self.loop.viscous * velocity)
-        return velocity, float(accelerated / (row @ plant.b))
+        moved = x[: self.states]
+        return float(self.velocity_row @ moved), float(self.held_row @ moved) + self.thrust
 
     def friction(self, x) -> float:
         """Return the friction force."""
         velocity, hold = self.velocity_and_hold(x)
-        return self.law.force(x[self.loop.plant.b.size :], velocity, hold)
+        return self.law.force(x[self.states :], velocity, hold)
 
     def rate(self, _: float, x):
         """Return the derivative of plant and law."""
-        plant, states = self.loop.plant, self.loop.plant.b.size
+        plant, states = self.loop.plant, self.states
         velocity, hold = self.velocity_and_hold(x)
         force = self.law.force(x[states:], velocity, hold)
         drive = self.thrust - force - self.loop.viscous * velocity
@@ -235,7 +234,7 @@ class _Motion(NamedTuple):
 
     def guards(self, x):
         """Return the law's guards."""
-        return self.law.guards(x[self.loop.plant.b.size :], *self.velocity_and_hold(x))
+        return self.law.guards(x[self.states :], *self.velocity_and_hold(x))
 
 
 def _advance(loop: Loop, law: EventLaw, thrust: float, x: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from tests.examples import some
 from tests.machines import LEAD, TABLE
 from tests.physics import event_location as exact
 
-SAMPLE, DEAD_SAMPLES, PERIODS = 500e-6, 2, 3
+SAMPLE, DEAD_SAMPLES, PERIODS = 500e-6, 2, 2
 VISCOUS = 4.69
 STIFFNESS, LIMIT = (2e5, 1e5, 6e4, 2e4), (1.5, 4.0, 6.0, 6.4)
 CURVE = {"coulomb_force": 17.9, "static_force": 22.0, "stribeck_velocity": 1e-3}

@@ -10,6 +10,7 @@ distribution. Where no harmonic tells anything, the posterior is the prior.
 """
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -270,7 +271,8 @@ class _Harmonics:
     """The harmonics of all segments that lie among the measured frequencies, shape (n,) each."""
 
     def __init__(self, record: SineRecord, force_terms: ForceTerms, stiffness: Stiffness, count: int) -> None:
-        self.response, self.force_terms = record.response, force_terms
+        self.response = record.response
+        self.force_terms = cache(lambda errors: force_terms(np.array(errors)))  # the search returns to the same errors
         highest = float(record.response.frequency.max())
         output = record.estimator.output
         self.orders = [_examined_orders(segment, output, highest) for segment in record.segments]
@@ -289,7 +291,7 @@ class _Harmonics:
 
     def _forces(self, errors: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Return the terms of friction at the excited lines and at the harmonics [N]."""
-        terms = self.force_terms(errors)
+        terms = self.force_terms(tuple(errors.tolist()))
         at_harmonics = [each[orders - 1] for each, orders in zip(terms, self.orders, strict=True)]
         return np.array([each[0] for each in terms]), np.concatenate(at_harmonics)
 
@@ -305,14 +307,12 @@ class _Harmonics:
     def close(self) -> NDArray[np.bool_]:
         """Which harmonics lie between close frequencies."""
         plant = self._plant(self.stated)
-        nothing = np.zeros(self.omega.size, dtype=bool)
-        return plant.is_close(self.omega) if plant.has_close_frequencies else nothing
+        return plant.is_close(self.omega) if plant.has_close_frequencies else np.zeros(self.omega.size, dtype=bool)
 
     def known(self, errors: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return at which harmonics the plant is known that follows from such errors."""
         plant = self._plant(self._forces(errors)[0])
-        nothing = np.zeros(self.omega.size, dtype=bool)
-        return plant.is_known(self.omega) if plant.has_close_frequencies else nothing
+        return plant.is_known(self.omega) if plant.has_close_frequencies else np.zeros(self.omega.size, dtype=bool)
 
     def look(self, errors: NDArray[np.float64], law_error: float, known: NDArray[np.bool_]) -> _Look:
         """Return what the harmonics say of such errors, where the plant is known."""
