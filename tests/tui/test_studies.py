@@ -1,6 +1,8 @@
 """The list of studies: its states, its preview, its filter, and what it says when there is nothing yet."""
 
 import shutil
+import sys
+from contextlib import nullcontext
 
 import pytest
 
@@ -77,7 +79,12 @@ def test_the_filter_says_when_nothing_is_left_and_esc_takes_it_away(workspace):
 
 
 @pytest.mark.thorough
-def test_a_study_that_is_added_is_noticed_copied_and_edited(workspace):
+def test_a_study_that_is_added_is_noticed_copied_and_edited(workspace, tmp_path, monkeypatch):
+    editor = tmp_path / "editor.py"
+    editor.write_text("import pathlib, sys; pathlib.Path(sys.argv[1]).write_text('x =\\n')")
+    monkeypatch.setenv("VISUAL", f"{sys.executable} {editor}")
+    monkeypatch.setattr(FraexpApp, "suspend", nullcontext)  # pilots have no terminal to give away
+
     async def steps(app, pilot):
         page = studies(app)
         await until(pilot, lambda: page.item)
@@ -88,14 +95,16 @@ def test_a_study_that_is_added_is_noticed_copied_and_edited(workspace):
         await pilot.press("N")
         await shows(pilot, "Name of the copy of added", "my_added")
         await pilot.press("enter")
-        await shows(pilot, 'estimator = { name = "raising" }', "$ cat ", "1 sweep: 0 reused, 1 to compute")
-        await pilot.press(*"x =", "enter")
-        await shows(pilot, "! not valid TOML: Invalid value (at line 1, column 4)")
-        await pilot.press("ctrl+s", "escape")
-        await until(pilot, lambda: app.screen is page and any(entry.name == "my_added" for entry in page.items))
-        assert (workspace / "studies" / "my_added.toml").read_text().startswith("x =\n")
+        await until(pilot, lambda: any(entry.name == "my_added" for entry in page.items))
+        assert (workspace / "studies" / "my_added.toml").read_text() == "x =\n"
+        await pilot.press("slash", *"my_added", "enter")
+        await shows(pilot, "✗ broken", "valid TOML")
+        await pilot.press("escape", "slash", *"paper/fig12", "enter")
+        await until(pilot, lambda: page.item and page.item.name == "paper/fig12")
+        await pilot.press("e")
+        await shows(pilot, "not edited")
 
-    pilot_of(workspace, steps)
+    pilot_of(workspace, steps, notices=True)
 
 
 def test_a_state_that_is_not_known_yet_is_told_and_only_worked_out_for_who_looks(workspace, monkeypatch):

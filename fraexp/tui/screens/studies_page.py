@@ -1,23 +1,29 @@
 """The list of studies, with the question and the state of each."""
 
+import os
+import re
+import shlex
+import shutil
+import subprocess
 from collections.abc import Collection, Sequence
+from pathlib import Path
 from typing import ClassVar
 
 from rich.text import Text
 from textual import work
-from textual.app import ComposeResult
+from textual.app import ComposeResult, SuspendNotSupported
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Vertical, VerticalScroll
 from textual.timer import Timer
 from textual.widgets import Static
 
+from fraexp.data.atomic_file import atomic_file
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError
 from fraexp.store import RunSummary
 from fraexp.study.catalogue import FIRST_STUDY, StudyEntry
 from fraexp.tui.dialogs import InputDialog
 from fraexp.tui.page import ACTION_GROUP
-from fraexp.tui.screens.study_editor import StudyEditor, copy_fault, copy_study
 from fraexp.tui.services.launch_form import override_texts
 from fraexp.tui.services.study_survey import SurveyProcess
 from fraexp.tui.widgets.filter_line import FilterLine, ListPage
@@ -29,6 +35,7 @@ from fraexp.views.study import StudySurvey, newest_runs, study_fields, study_row
 
 PENDING_STATE = "..."
 """State of a study that is not known yet."""
+STUDY_NAME = re.compile(r"[\w-]+(/[\w-]+)*")
 SURVEY_DELAY_S = 0.5
 """Seconds until the studies are surveyed, which keeps a processor busy."""
 WELCOME = """\
@@ -60,11 +67,11 @@ Studies: those of this workspace, then the examples of fraexp.
   measuring its machine is being measured; m shows it
   measure   a study for an autonomous measurement alone, which m begins
   ...       the state is being determined
-Enter opens a study, to change its values and to launch it. e edits its file, N makes a copy of it.
+Enter opens a study, to change its values and to launch it. N makes a copy of it, e edits its file, in $EDITOR.
 m measures it on its machine: first the plan, then a question; while a machine is measured, m shows it."""
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("m", "measure", "measure", tooltip="measure the study on its machine"),
-        Binding("e", "edit", "edit", tooltip="edit the study's file, or read that of an example"),
+        Binding("e", "edit", "edit", tooltip="edit the study's file"),
         Binding("N", "copy", "new", tooltip="make a new study: a copy of this one in the workspace"),
     ]
     live = True  # files may be added or changed
@@ -215,13 +222,27 @@ m measures it on its machine: first the plan, then a question; while a machine i
             self.app.open_measurement(self.item.name, override_texts(written.changes) if written else [])
 
     def action_edit(self) -> None:
-        """Open the text of the study."""
+        """Edit the study's file."""
         if self.item is not None:
-            self.app.push_screen(StudyEditor(self.item.file))
+            self._edit(self.item.file)
+
+    def _edit(self, file: Path) -> None:
+        """Give the terminal to the user's editor; the preview then shows what the study would compute, or its fault."""
+        if not file.is_relative_to(self.app.backend.workspace.folder / "studies"):
+            refused = "an example of fraexp cannot be changed; N copies it into this workspace"
+            self.app.notify(refused, title="not edited", severity="error")
+            return
+        try:
+            with self.app.suspend():
+                subprocess.run([*shlex.split(editor_command()), str(file)], check=False)
+        except (OSError, SuspendNotSupported) as error:
+            refused = f"{editor_command()}: {error}; name another editor in the variable EDITOR"
+            self.app.notify(refused, title="not edited", severity="error")
+        self.reload()
 
     @work(group=ACTION_GROUP)
     async def action_copy(self) -> None:
-        """Copy the study into this workspace, and open the text of the copy."""
+        """Copy the study into this workspace, and edit the copy."""
         item, folder = self.item, self.app.backend.workspace.folder
         if item is None:
             return
@@ -230,9 +251,30 @@ m measures it on its machine: first the plan, then a question; while a machine i
         if name is None:
             return
         try:
-            self.app.push_screen(StudyEditor(copy_study(folder, item.file, name)))
+            self._edit(copy_study(folder, item.file, name))
         except FraexpError as error:
             self.app.notify(str(error), title="not copied", severity="error")
+
+
+def editor_command() -> str:
+    """Return the command of the user's editor."""
+    default = "notepad" if os.name == "nt" else "nano" if shutil.which("nano") else "vi"
+    return os.environ.get("VISUAL") or os.environ.get("EDITOR") or default
+
+
+def copy_fault(folder: Path, name: str) -> str:
+    """Return what is wrong with the name of a new study in a workspace; empty if nothing is."""
+    if not STUDY_NAME.fullmatch(name):
+        return "expected letters, digits, _ and -, with / between folders"
+    return "there is a study of this name in the workspace" if (folder / "studies" / f"{name}.toml").exists() else ""
+
+
+def copy_study(folder: Path, source: Path, name: str) -> Path:
+    """Copy a study into a workspace, and return its file; FraexpError if that cannot be written."""
+    file = folder / "studies" / f"{name}.toml"
+    with atomic_file(file, makes_folder=True) as draft:
+        draft.write_bytes(source.read_bytes())
+    return file
 
 
 def _end_mark(run: RunSummary | None) -> tuple[int, str, int, int] | None:
