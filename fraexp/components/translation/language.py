@@ -4,6 +4,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain, count
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -173,7 +174,7 @@ def safe_names(names: Iterable[str], reserved: Collection[str], ignore_case: boo
         plain = re.sub(r"_+", "_", plain).strip("_") or "unused"
         if plain.lower() in reserved or plain[0].isdigit():
             plain = f"v_{plain}"
-        options = (plain, *(f"{plain}_{k}" for k in range(2, 10_000)))
+        options = chain([plain], (f"{plain}_{k}" for k in count(2)))
         unique = next(each for each in options if (each.lower() if ignore_case else each) not in taken)
         taken.add(unique.lower() if ignore_case else unique)
         found[name] = unique

@@ -125,11 +125,6 @@ def parameter_unit(model: Model, parameter: str) -> str:
     return _target(model, parameter).unit
 
 
-def with_parameter(model: Model, parameter: str, value: float) -> Model:
-    """Return the model with another value of a parameter [its SI unit]."""
-    return with_parameters(model, {parameter: value})
-
-
 def with_parameters(model: Model, values: Mapping[str, float]) -> Model:
     """Return the model with other values of some parameters [their SI units], checked together."""
     fields = _fields(model)
