@@ -15,6 +15,7 @@ from rich.text import Text
 from textual import events, work
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
+from textual.css.stylesheet import Stylesheet
 from textual.message import Message
 from textual.notifications import SeverityLevel
 from textual.screen import Screen
@@ -75,6 +76,17 @@ class OpeningPage(Page):
         self.show_notice("loading the studies ...")
 
 
+class KeptStylesheet(Stylesheet):
+    """A stylesheet that is parsed again only for other colours: to enter a place parses all of it twice otherwise."""
+
+    def set_variables(self, variables: dict[str, str]) -> None:
+        if variables != self._variables:
+            super().set_variables(variables)
+
+    def reparse(self) -> None:
+        self.parse()
+
+
 class FraexpApp(App[None]):
     """fraexp in a terminal."""
 
@@ -96,6 +108,7 @@ class FraexpApp(App[None]):
     def __init__(self, folder: str | Path, database: str | None = None, tracing: bool = False) -> None:
         """Open a workspace; `tracing` shows the traceback of an internal error. FraexpError for an unknown theme."""
         super().__init__()
+        self.stylesheet = KeptStylesheet(variables=self.get_css_variables())
         self._place = (folder, database)
         self.marks = Selection()
         self.measurement: LiveMeasurement | None = None
