@@ -3,6 +3,7 @@
 import gc
 import os
 from collections.abc import Generator
+from functools import cache
 from pathlib import Path
 
 # Each test process has a processor to itself: the threads of linear algebra would only wait for each other.
@@ -12,6 +13,7 @@ import pytest
 from hypothesis import settings
 
 from fraexp.components.registry import Registry, discover
+from fraexp.execution import provenance
 from tests.examples import QUICK, THOROUGH
 
 # The first example compiles the law, so that no deadline fits; elsewhere a search that differs each time finds more.
@@ -44,6 +46,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 # What tests compile, and teach about the machine's speed, is not for the user's own runs.
 os.environ.setdefault("FRAEXP_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "fraexp"))
+
+# Each run asks git for the state of the code, which is the same for all tests.
+provenance._git_state = cache(provenance._git_state)
 
 
 @pytest.fixture(scope="session")

@@ -303,7 +303,10 @@ def events_of(log: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text.splitlines() if line.endswith("}")]
 
 
-def test_wherever_who_measures_is_interrupted_the_machine_comes_to_rest(workspace: WorkspaceService) -> None:
+def test_wherever_who_measures_is_interrupted_the_machine_comes_to_rest(
+    workspace: WorkspaceService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.undo()  # here the machine starts as it does for users
     log = workspace.folder / "machine.log"
     service = MeasurementService(workspace, "axis", [f'measurement.machine={{name="simulated", log="{log}"}}'])
     with service.plans()[0].task.settings.machine.connect(workspace.folder) as session:

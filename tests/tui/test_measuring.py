@@ -41,11 +41,11 @@ amplitude = 40
 recorded_periods = 4
 
 [loop]
-noise = "30 nm"
+noise = 30e-9
 
 [limits]
-stroke = "20 mm"
-velocity = "0.5 m/s"
+stroke = 0.02
+velocity = 0.5
 force = 150
 
 [measurement]
@@ -255,7 +255,7 @@ def test_the_machine_stops_softly_if_the_terminal_ui_is_killed(endless):
 @pytest.mark.thorough
 def test_a_limit_that_is_exceeded_stops_it_and_is_named(axis):
     file = axis / "studies" / "axis.toml"
-    limited = file.read_text().replace('"0.5 m/s"', "0.06").replace("[38.8, 100.0]", "[20.0]")
+    limited = file.read_text().replace("velocity = 0.5", "velocity = 0.06").replace("[38.8, 100.0]", "[20.0]")
     shape = "frequencies = [38.8], damping_ratios = [0.05], modal_gain_ratios = [0.3]"
     stronger = f'plant = {{ name = "modal", rigid_body_gain = 0.264, {shape} }}'
     file.write_text(limited.replace('name = "simulated",', f'name = "simulated", {stronger},'))
