@@ -266,7 +266,7 @@ def _pure_table(lines: Sequence[str]) -> tuple[int, str | None, set[int]] | None
     """Return first line and delimiter of a table in which a line contains numbers alone."""
     for delimiter in DELIMITERS:
         for start, line in enumerate(lines):
-            cells = split_cells(line, delimiter)
+            cells = split_cells(line, delimiter) if delimiter is None or delimiter in line else ()
             if len(cells) > 1 and not is_comment(line) and _numeric(cells, delimiter):
                 first = _first_row_above(lines, start, delimiter, len(cells))
                 sampled = [*lines[first:][:SAMPLED_ROWS], *lines[start:][-SAMPLED_ROWS:]]
