@@ -36,7 +36,7 @@ def databases(bench: Bench) -> None:
 
 
 def make_base(file: Path) -> None:
-    """Run real studies, one of them twice, and annotate some of their sweeps."""
+    """Run real studies, one of them twice, and tag some of their sweeps."""
     for study in (*STUDIES, STUDIES[0]):
         code, text = command(["run", study, "--workspace", str(ROOT), "--db", str(file), "--executor", "serial"])
         if code:
@@ -44,8 +44,6 @@ def make_base(file: Path) -> None:
     with Store.open(str(file)) as store:
         keys = store.keys()
         store.tag(keys[::3], "baseline")
-        for key in keys[::4]:
-            store.annotate(key, f"measured by hand, see page {int(key[4:8], 16)}")
 
 
 if __name__ == "__main__":

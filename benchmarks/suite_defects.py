@@ -107,13 +107,9 @@ DEFECTS = (
         "tests/simulation/test_settling.py",
     ),
     Defect(
-        "all tags of a name removed", "fraexp/store/queries/annotations.py",
+        "all tags of a name removed", "fraexp/store/queries/tags.py",
         "delete(tag).where(tag.c.name == name, tag.c.key.in_(chunk))", "delete(tag).where(tag.c.name == name)",
         "tests/store/test_marks.py",
-    ),
-    Defect(
-        "notes of all sweeps removed", "fraexp/store/queries/annotations.py",
-        "delete(note).where(note.c.key == key)", "delete(note)", "tests/store/test_marks.py",
     ),
     Defect(
         "leases of all runs released", "fraexp/store/changes/leases.py",

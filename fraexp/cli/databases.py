@@ -97,7 +97,6 @@ def _added_counts(merged: MergeSummary) -> list[str]:
         (merged.results, "result"),
         (merged.runs, "run"),
         (merged.tags, "tag"),
-        (merged.notes, "note"),
     ]
     return [f"{plural(count, word)} added" for count, word in counts if count]
 

@@ -420,17 +420,11 @@ COMMANDS = {
         JSON,
     ),
     "tag": _command(
-        "tag:tag_sweeps",
+        "tag",
         "add a tag to sweeps, or remove it",
         IDS,
         _option("tag TAG", "the tag: one word"),
         _switch("--remove", "remove the tag"),
-    ),
-    "note": _command(
-        "tag:note_sweep",
-        "attach a note to a sweep",
-        _option("id ID", "the beginning of a sweep key"),
-        _option("text TEXT", "the note; an empty text removes it"),
     ),
     "delete": _command(
         "delete:delete",

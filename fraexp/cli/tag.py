@@ -1,4 +1,4 @@
-"""``fraexp tag`` and ``fraexp note``: tags on sweeps, and a note on one."""
+"""``fraexp tag``: tags on sweeps."""
 
 import shlex
 from argparse import Namespace
@@ -6,10 +6,10 @@ from argparse import Namespace
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import say
 from fraexp.cli.sweep_lookup import choose_sweeps, workspace_folder
-from fraexp.views.words import plural, short_key
+from fraexp.views.words import plural
 
 
-def tag_sweeps(arguments: Namespace) -> ExitCode:
+def execute(arguments: Namespace) -> ExitCode:
     """Add a tag to sweeps, or remove it."""
     with workspace_folder(arguments).open_store("write") as store:
         keys = [sweep.key for sweep in choose_sweeps(store, arguments.ids)]
@@ -17,13 +17,4 @@ def tag_sweeps(arguments: Namespace) -> ExitCode:
     done = "no longer tagged" if arguments.remove else "tagged"
     listing = f"fraexp list {shlex.quote(f'tag:{arguments.tag}')}{workspace_folder(arguments).shown_options()}"
     say(f"{plural(len(keys), 'sweep')} {done} {arguments.tag}; {listing} lists all with this tag")
-    return ExitCode.OK
-
-
-def note_sweep(arguments: Namespace) -> ExitCode:
-    """Change the note of a sweep."""
-    with workspace_folder(arguments).open_store("write") as store:
-        key = store.find(arguments.id).key
-        store.annotate(key, arguments.text)
-    say(f"note {'saved on' if arguments.text.strip() else 'removed from'} sweep {short_key(key)}")
     return ExitCode.OK

@@ -33,7 +33,6 @@ from fraexp.store.tables import (
     frequency_response,
     key_chunks,
     metric,
-    note,
     run,
     run_sweep,
     supplied_component,
@@ -123,10 +122,10 @@ def parts_digest(key: str, digests: Iterable[str | None]) -> int:
     return digest([key, *digests])
 
 
-def annotations_digest(key: str, tags: Iterable[str], note: str) -> int | None:
-    """Return the digest of a sweep's tags and note; None without any."""
+def tags_digest(key: str, tags: Iterable[str]) -> int | None:
+    """Return the digest of a sweep's tags; None without any."""
     tags = sorted(tags)
-    return digest([key, note, *tags]) if tags or note else None
+    return digest([key, *tags]) if tags else None
 
 
 def run_digest(row: TableRow) -> int:
@@ -197,26 +196,22 @@ def sum_of_digests() -> Expression:
     return func.coalesce(func.sum(run_sweep.c.digest % DIGEST_RANGE), 0)
 
 
-def seal_annotations(connection: Connection, keys: Iterable[str]) -> None:
-    """Compute the digests of the tags and notes of sweeps anew."""
+def seal_tags(connection: Connection, keys: Iterable[str]) -> None:
+    """Compute the digests of the tags of sweeps anew."""
     for chunk in key_chunks(keys):
-        tags, notes = read_annotations(connection, chunk)
-        rows = [
-            {"of": key, "annotations": annotations_digest(key, tags.get(key, ()), notes.get(key, ""))} for key in chunk
-        ]
+        tags = read_tags(connection, chunk)
+        rows = [{"of": key, "tags": tags_digest(key, tags.get(key, ()))} for key in chunk]
         connection.execute(update(sweep).where(sweep.c.key == bindparam("of")), rows)
 
 
-def read_annotations(connection: Connection, keys: Iterable[str]) -> tuple[dict[str, tuple[str, ...]], dict[str, str]]:
-    """Return the tags of each sweep that has any, in alphabetical order, and the note of each that has one."""
+def read_tags(connection: Connection, keys: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Return the tags of each sweep that has any, in alphabetical order."""
     tags: dict[str, tuple[str, ...]] = defaultdict(tuple)
-    notes: dict[str, str] = {}
     for chunk in key_chunks(keys):
         tagged = select(tag.c.key, tag.c.name).where(tag.c.key.in_(chunk)).order_by(tag.c.name)
         for key, name in connection.execute(tagged):
             tags[key] += (name,)
-        notes |= {row.key: row.text for row in connection.execute(select(note).where(note.c.key.in_(chunk)))}
-    return dict(tags), notes
+    return dict(tags)
 
 
 def read_result_rows(

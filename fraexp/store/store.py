@@ -13,12 +13,12 @@ from sqlalchemy import Connection, Engine
 from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Plain, Sweep
 from fraexp.errors import StoreError, UnavailableError
-from fraexp.store import digests, integrity
+from fraexp.store import integrity
 from fraexp.store.backends import locate_database
 from fraexp.store.backends.engine import CONCURRENT, EXCLUSIVE, WRITE_MODE, Database
 from fraexp.store.changes import leases, merging, trash, writing
 from fraexp.store.liveness import steady_time, this_process
-from fraexp.store.queries import annotations, reading, stored_results, sweep_pages
+from fraexp.store.queries import reading, stored_results, sweep_pages, tags
 from fraexp.store.queries.known_names import UnitDeclarations, no_declared_units
 from fraexp.store.stored_records import Deletion, ListingPage, MergeSummary, RunProgress
 from fraexp.store.tables import SCHEMA_NUMBER
@@ -161,10 +161,9 @@ class Store:
     run = _reads(reading.read_run)
     sweeps = _reads(reading.read_sweeps)
     fields = _reads(sweep_pages.field_names)
-    tag = _writes(annotations.add_tag)
-    untag = _writes(annotations.remove_tag)
-    tags = _reads(annotations.count_tags)
-    annotate = _writes(annotations.annotate)
+    tag = _writes(tags.add_tag)
+    untag = _writes(tags.remove_tag)
+    tags = _reads(tags.count_tags)
     trash = _reads(trash.read_trash)
     sources = _reads(stored_results.count_sources)
     find = _reads(reading.find_sweep)
@@ -231,11 +230,6 @@ class Store:
             if run is not None:
                 reading.check_run(connection, run)
             return sweep_pages.matching_keys(connection, filter, run, self._unit_declarations)
-
-    def note(self, key: str) -> str:
-        """Return the note of a sweep; empty if it has none."""
-        with self._reading() as connection:
-            return digests.read_annotations(connection, [key])[1].get(key, "")
 
     def delete(self, keys: Iterable[str] = (), runs: Sequence[int] = ()) -> int:
         """Move sweeps, and runs with the sweeps that no other run has, to the trash; return the number of these sweeps.

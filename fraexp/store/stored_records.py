@@ -126,7 +126,6 @@ class StoredSweep:
     sources: dict[str, ComponentOrigin] = field(default_factory=dict)
     """Origin of each component used, by ``kind:name``."""
     tags: tuple[str, ...] = ()
-    note: str = ""
     run: int | None = None
     """Number of that run; None for a sweep without a run."""
     study: str | None = None
@@ -192,7 +191,7 @@ class Conflict:
     """Key of the sweep, or ``run`` and its number."""
     what: tuple[str, ...]
     """What differs: ``outcome``, ``message``, ``response``, ``metrics``, ``curves``, ``fits``, ``numerics``,
-    ``origins``, ``note``, ``key`` or ``run``; or what is damaged."""
+    ``origins``, ``key`` or ``run``; or what is damaged."""
     how: str
     """Description of the difference with both values; that of arrays is relative to their largest value."""
 
@@ -224,13 +223,11 @@ class MergeSummary:
     read: int = 0
     """Number of sweeps that were read."""
     added: int = 0
-    """Number of sweeps of which something was added: the sweep, its result, tags or a note."""
+    """Number of sweeps of which something was added: the sweep, its result or tags."""
     there: int = 0
     """Number of sweeps that the target database had already, without a difference."""
     tags: int = 0
     """Number of tags that were added."""
-    notes: int = 0
-    """Number of notes that were added."""
     damaged: tuple[Conflict, ...] = ()
     """Sweeps that are damaged, with what was left out."""
     read_runs: int = 0

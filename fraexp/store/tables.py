@@ -1,4 +1,4 @@
-"""The tables of the database: runs, sweeps, results, and their annotations.
+"""The tables of the database: runs, sweeps, results, and their tags.
 
 Types are portable to PostgreSQL. Arrays are .npy bytes. A change here needs another SCHEMA_NUMBER.
 """
@@ -45,7 +45,7 @@ NAMING_CONVENTION = {
     "pk": "pk_%(table_name)s",
     "uq": "uq_%(table_name)s_%(column_0_N_name)s",
 }
-SCHEMA_NUMBER = 2
+SCHEMA_NUMBER = 3
 """Number of the schema that this module declares."""
 MAX_KEYS_PER_QUERY = 500
 """Keys of an IN query: databases limit the variables of a statement."""
@@ -188,7 +188,7 @@ sweep = Table(
     _digest_column("content"),  # of the result; NULL without one
     _digest_column("origins"),  # of the origins of its components
     _digest_column("parts"),  # of its parts
-    _digest_column("annotations"),  # of tags and note; NULL without any
+    _digest_column("tags"),  # NULL without any
 )
 
 part = Table(
@@ -215,13 +215,6 @@ tag = Table(
     metadata,
     _sweep_key_column(primary_key=True),
     Column("name", EscapedText, primary_key=True, index=True),
-)
-
-note = Table(
-    "note",
-    metadata,
-    _sweep_key_column(primary_key=True),
-    _text_column("text"),
 )
 
 run_sweep = Table(
@@ -345,7 +338,7 @@ supplied_component = Table(
 
 RESULT_TABLES = (curve_column, curve, metric, fit, frequency_response, supplied_component)
 """Tables of a result's parts, which are deleted with it, children first."""
-SWEEP_TABLES = (sweep, tag, note, *reversed(RESULT_TABLES))
+SWEEP_TABLES = (sweep, tag, *reversed(RESULT_TABLES))
 """Tables with all that belongs to a sweep outside of runs, parents first."""
 
 

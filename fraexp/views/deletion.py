@@ -6,7 +6,7 @@ from fraexp.store import Store
 from fraexp.views.words import duration_text, plural
 
 MAX_DETAILED_SWEEPS = 1000
-"""Maximum number of sweeps whose tags, notes and computing times are read."""
+"""Maximum number of sweeps whose tags and computing times are read."""
 
 
 def deletion_text(runs: int, sweeps: int) -> str:
@@ -27,15 +27,13 @@ def sweep_loss_text(store: Store, keys: Sequence[str], wanted: str = "") -> str:
     comma = "," if hidden else ""
     lost = f"{plural(len(keys), 'sweep')}{hidden}{comma} with results, also in the runs that have {them}"
     if len(keys) > MAX_DETAILED_SWEEPS:
-        return f"{lost}; with their tags and notes"
+        return f"{lost}; with their tags"
     sweeps = [store.find(key) for key in keys]
     tags = sorted({tag for sweep in sweeps for tag in sweep.tags})
-    notes = sum(bool(sweep.note) for sweep in sweeps)
     took = sum(sweep.elapsed for sweep in sweeps)
     told = [
         *([f"computed in {duration_text(took)}"] if took else []),
         *([f"tagged {', '.join(tags)}"] if tags else []),
-        *([f"{plural(notes, 'note')} on {them}"] if notes else []),
     ]
     return "; ".join([lost, *told])
 

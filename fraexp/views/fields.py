@@ -96,7 +96,6 @@ def sweep_fields(sweep: StoredSweep, registry: "Registry | None" = None) -> list
         ("computed", timestamp_text(sweep.created)),
         ("took", duration_text(sweep.elapsed) if sweep.created else ""),
         ("tags", ", ".join(sweep.tags)),
-        ("note", sweep.note),
     ]
 
 

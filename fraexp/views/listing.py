@@ -23,11 +23,11 @@ COLUMN_GAP = 2
 """Cells between two columns."""
 LABELS_WITH_COLUMN = ("estimator", "estimator.name", "friction", "friction.name")
 """Labels that have a column of their own."""
-COLUMN_RANKS = {"message": 9, "note": 8, "took": 7, "friction": 6, "created": 5, "study": 4, "tags": 3, "estimator": 2}
+COLUMN_RANKS = {"message": 9, "took": 7, "friction": 6, "created": 5, "study": 4, "tags": 3, "estimator": 2}
 """The higher the rank, the sooner a column is dropped if not all fit."""
-MAX_WIDTHS = {"note": 40, "message": 60, "tags": 24, "study": 28, "estimator": 28, "friction": 24}
+MAX_WIDTHS = {"message": 60, "tags": 24, "study": 28, "estimator": 28, "friction": 24}
 """Maximum widths of columns, by title."""
-STRETCHED_COLUMNS = ("message", "note")
+STRETCHED_COLUMNS = ("message",)
 """Columns that use the remaining width if they are last."""
 MAX_COLUMN_WIDTH = 200
 """Maximum width of any other column."""
@@ -84,7 +84,6 @@ def listing_columns(
         _column("created", [time_text(row.created) for row in rows], "created"),
         _column("took", [duration_text(row.elapsed) if row.created else "" for row in rows], "elapsed"),
         _column("message", [row.message for row in rows], "message"),
-        _column("note", [row.note for row in rows], "note"),
     ]
     return [column for column in columns if any(column.cells) or not rows]
 

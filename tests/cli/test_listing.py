@@ -1,4 +1,4 @@
-"""Lists of studies and sweeps, tags, notes and deletion on the command line."""
+"""Lists of studies and sweeps, tags and deletion on the command line."""
 
 import json
 import os
@@ -62,7 +62,7 @@ def test_a_list_of_sweeps_as_json_says_how_many_there_are(folder, capsys):
     document = json.loads(said(capsys, "list", "estimator=h1", "--limit", "1", "--json")[0])
     assert document["total"] == 2
     assert len(document["sweeps"]) == 1
-    assert {"key", "labels", "state", "outcome", "tags", "note", "run", "study"} <= set(document["sweeps"][0])
+    assert {"key", "labels", "state", "outcome", "tags", "run", "study"} <= set(document["sweeps"][0])
 
 
 def test_a_filter_that_finds_nothing_says_so(folder, capsys):
@@ -202,15 +202,6 @@ def test_a_tag_that_cannot_be_given_is_told_in_one_line(folder, capsys, argument
     _, err = said(capsys, "tag", *arguments, code=ExitCode.STORE)
     assert err.count("\n") == 1
     assert told in err
-
-
-def test_a_note_is_written_shown_and_taken_away(folder, sweeps, capsys):
-    said(capsys, "note", sweeps[2].key, "odd loop\x1b[31m")
-    assert r"odd loop\x1b[31m" in said(capsys, "show", sweeps[2].key)[0]
-    document = json.loads(said(capsys, "show", sweeps[2].key, "--json")[0])
-    assert document["note"] == "odd loop\x1b[31m"
-    assert "note removed from sweep" in said(capsys, "note", sweeps[2].key, "")[1]
-    assert "odd loop" not in said(capsys, "show", sweeps[2].key)[0]
 
 
 def count(folder: Path) -> int:

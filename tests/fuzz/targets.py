@@ -46,7 +46,7 @@ FILTERS = (
     "estimator=effective_input excitation.amplitude>=12 -tag:baseline",
     '"two words" state!=failed',
     "metric.gain<0.1um run=1",
-    "created:today note:'x'",
+    "created:today message:'x'",
     'study:"a\\"b" elapsed>1',
     "created=2026-03-31T12:00 -outcome:ok key:fx1 plant.gain=1e-3",
 )

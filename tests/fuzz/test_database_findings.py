@@ -38,7 +38,7 @@ def change(path: Path, *statements: str) -> None:
 FOREIGN = {
     "trigger": "CREATE TRIGGER t AFTER UPDATE ON run BEGIN DELETE FROM sweep; END",
     "view": "CREATE VIEW v AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT x FROM c",
-    "computed column": "ALTER TABLE note ADD COLUMN more AS (zeroblob(1000000000))",
+    "computed column": "ALTER TABLE tag ADD COLUMN more AS (zeroblob(1000000000))",
 }
 
 

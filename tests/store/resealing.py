@@ -14,9 +14,9 @@ from fraexp.store.digests import (
     read_run_rows,
     result_digest,
     run_sweep_digest,
-    seal_annotations,
     seal_places,
     seal_run,
+    seal_tags,
 )
 from fraexp.store.tables import PARTS, key_chunks, part, run, run_sweep, sweep
 
@@ -47,7 +47,7 @@ def seal_sweeps(connection: Connection, keys: Sequence[str]) -> None:
             rows.append({"of": key, **digests, "origins": origins_digest(key, origins[key])})
         if rows:
             connection.execute(update(sweep).where(sweep.c.key == bindparam("of")), rows)
-        seal_annotations(connection, chunk)
+        seal_tags(connection, chunk)
 
 
 def _part_digests(connection: Connection, numbers: Iterable[int | None]) -> dict[int, str]:

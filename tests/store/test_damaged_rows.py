@@ -19,7 +19,6 @@ OF_A_SWEEP = {
     "an origin": "UPDATE supplied_component SET source_hash = 'another'",
     "a parameter": """UPDATE part SET content = '{"name": "rolling", "version": 3}' WHERE section = 'friction'""",
     "a tag": "UPDATE tag SET name = 'reference'",
-    "a note": "DELETE FROM note",
     "a run that is missing": "DELETE FROM run",
     "a label": """UPDATE run_sweep SET labels = '{"amplitude": 13}'""",
     "a failure": "UPDATE run_sweep SET message = 'killed'",
@@ -34,40 +33,39 @@ OF_A_RUN = {
 
 
 @pytest.fixture
-def annotated(store, sweep, result, origin) -> Store:
+def tagged(store, sweep, result, origin) -> Store:
     """One sweep in one run, with all that is stored of either."""
     run = store.begin_run("friction", "studies/friction.toml", "fraexp run", {}, [sweep(amplitude=12)])
     store.save(run, [(sweep(), result(), origin)])
     store.end_run(run, "complete")
     store.tag([sweep().key], "baseline")
-    store.annotate(sweep().key, "measured by hand")
     assert store.health() == "sound"
     return store
 
 
 @pytest.mark.parametrize("statement", OF_A_SWEEP.values(), ids=OF_A_SWEEP)
-def test_a_changed_sweep_is_shown_as_damaged(annotated, sql, sweep, statement):
+def test_a_changed_sweep_is_shown_as_damaged(tagged, sql, sweep, statement):
     sql(statement)
-    shown = {annotated.find(sweep().key).outcome, annotated.results([sweep().key])[sweep().key].outcome}
+    shown = {tagged.find(sweep().key).outcome, tagged.results([sweep().key])[sweep().key].outcome}
     assert Outcome.DAMAGED in shown
     if "run_sweep" in statement:
-        assert [row.outcome for row in annotated.page().rows] == [Outcome.DAMAGED]
-        assert "run 1: damaged at position 0" in annotated.health()
+        assert [row.outcome for row in tagged.page().rows] == [Outcome.DAMAGED]
+        assert "run 1: damaged at position 0" in tagged.health()
     else:
-        assert f"sweep {sweep().key[4:12]}" in annotated.health()
+        assert f"sweep {sweep().key[4:12]}" in tagged.health()
 
 
 @pytest.mark.parametrize("statement", OF_A_RUN.values(), ids=OF_A_RUN)
-def test_a_changed_run_is_shown_as_damaged(annotated, sql, statement):
+def test_a_changed_run_is_shown_as_damaged(tagged, sql, statement):
     sql(statement)
-    assert [run.state for run in annotated.runs()] == ["damaged"]
-    assert "run 1: damaged" in annotated.health()
+    assert [run.state for run in tagged.runs()] == ["damaged"]
+    assert "run 1: damaged" in tagged.health()
 
 
-def test_a_sweep_whose_key_is_no_text_is_shown_as_damaged(path, annotated):
+def test_a_sweep_whose_key_is_no_text_is_shown_as_damaged(path, tagged):
     with closing(sqlite3.connect(path)) as database, database:
         database.execute("UPDATE sweep SET key = x'00ff'")
-    (row,) = annotated.page().rows
+    (row,) = tagged.page().rows
     assert row.outcome is Outcome.DAMAGED
     assert "b'\\x00\\xff'" in row.key
-    assert "damaged" in annotated.health()
+    assert "damaged" in tagged.health()

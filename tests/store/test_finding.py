@@ -49,7 +49,6 @@ def filled(store):
     store.reuse(second, [a.key])
     store.fail(second, d.key, "killed", "log")
     store.tag([a.key, c.key], "baseline")
-    store.annotate(b.key, "a good one")
     return store
 
 
@@ -75,7 +74,7 @@ FILTERS = [
     ("tag:baseline", {"a", "c_%"}),
     ("-tag:baseline", {"b", "d"}),
     ("tag:base", set()),
-    ('note:"good one"', {"b"}),
+    ('message:"% gone"', {"c_%"}),
     ("study:old", {"a", "b"}),
     ("study=new", {"a", "c_%", "d"}),
     ("run=1", {"a", "b"}),
@@ -116,7 +115,7 @@ def test_a_filter_lets_through_what_it_says(filled):
         ("state:fialed", ["'fialed'", "'failed'"]),
         ("estimator>x", ["'estimator>x'", "estimator=", "estimator:"]),
         ("created>soon", ["'soon'", "yesterday"]),
-        ('note:"open', ["quote", """'note:"open'"""]),
+        ('message:"open', ["quote", """'message:"open'"""]),
         ("tag:", ["'tag:'", "tag:ok"]),
         ("=3", ["'=3'", "tag:baseline"]),
         ("-", ["'-'", "tag:baseline"]),
@@ -161,7 +160,7 @@ def test_a_unit_finds_components_that_declare_it_and_is_refused_if_none_is_store
         ('a.b>=20 "N" x', ["a.b>=20", "N", "x"]),
         ("a.b>=20 N.m loop.noise", ["a.b>=20 N.m", "loop.noise"]),
         ("tag : 12 m", ["tag:12", "m"]),
-        ('note:"a =" b', ["note:a =", "b"]),
+        ('message:"a =" b', ["message:a =", "b"]),
     ],
 )
 def test_blanks_around_operators_and_before_units_separate_nothing(text, same):
@@ -200,7 +199,7 @@ def test_a_listing_is_sorted_with_what_lacks_a_value_last(filled):
 
 def test_a_row_tells_what_the_latest_run_or_the_one_asked_for_saw(filled):
     (row,) = filled.page("case=a").rows
-    assert (row.run, row.study, row.state, row.tags, row.note) == (2, "new", "reused", ("baseline",), "")
+    assert (row.run, row.study, row.state, row.tags) == (2, "new", "reused", ("baseline",))
     (earlier,) = filled.page("case=a", run=1).rows
     assert (earlier.run, earlier.study, earlier.state) == (1, "paper/old", "computed")
     assert [row.component(kind) for kind in ("estimator", "friction", "plant")] == ["proposed", "rolling", None]

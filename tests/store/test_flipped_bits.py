@@ -19,7 +19,6 @@ def base(tmp_path: Path) -> Path:
     with Store.open(str(tmp_path / "base.db")) as store:
         keys = store.keys()
         store.tag(keys[:2], "baseline")
-        store.annotate(keys[0], "measured by hand")
         run = store.begin_run("again", "studies/bench.toml", "fraexp run again", {}, [sweeps[3], sweeps[0]])
         store.reuse(run, [sweeps[3].key, sweeps[0].key])
         store.end_run(run, "complete")

@@ -1,4 +1,4 @@
-"""Tags, notes, progress, and watching a database that changes."""
+"""Tags, progress, and watching a database that changes."""
 
 import gc
 import os
@@ -13,21 +13,18 @@ from fraexp.store import RunProgress, Store
 from tests.refusals import refused
 
 
-def test_tags_and_notes_come_back_and_go(store, begin, sweep):
+def test_tags_come_back_and_go(store, begin, sweep):
     one, two = sweep(1), sweep(2)
     begin([one, two])
     store.tag([one.key, two.key], "baseline")
     store.tag([one.key], "baseline")
     store.tag([one.key], "äpfel")
-    store.annotate(one.key, " first\nsecond ")
     assert store.tags() == {"baseline": 2, "äpfel": 1}
-    assert (store.find(one.key).tags, store.find(one.key).note) == (("baseline", "äpfel"), "first\nsecond")
-    store.annotate(two.key, "third")
+    assert store.find(one.key).tags == ("baseline", "äpfel")
     store.untag([two.key], "baseline")
     assert store.tags() == {"baseline": 1, "äpfel": 1}
     store.untag([one.key], "baseline")
-    store.annotate(one.key, " ")
-    assert (store.tags(), store.note(one.key), store.note(two.key)) == ({"äpfel": 1}, "", "third")
+    assert store.tags() == {"äpfel": 1}
 
 
 @pytest.mark.parametrize("name", ["", "a b", "a,b", 'a"b', "a\tb", "a\x00b", "a\u00a0b"])

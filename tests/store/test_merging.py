@@ -62,16 +62,15 @@ def test_results_runs_tags_and_notes_are_added_once(store, other, sweep, result,
     other.fail(theirs, sweep(2).key, "killed", "the log")
     other.end_run(theirs, "partial")
     other.tag([sweep(0).key, sweep(1).key], "baseline")
-    other.annotate(sweep(1).key, "good")
     merged = joined(store, other)
     assert added_counts(merged) == (2, 1, 1, 1, 0)
-    assert (merged.tags, merged.notes) == (2, 1)
+    assert merged.tags == 2
     assert repr(store.result(sweep(1).key)) == repr(other.result(sweep(1).key))
     added = store.run(2)
     assert replace(added, number=1, heartbeat=None) == replace(other.run(theirs), heartbeat=None)
     assert [item.labels for item in store.sweeps(2)] == [{"a": 1}, {"a": 2}, {"a": 3}]
     assert store.find(sweep(1).key) == replace(other.find(sweep(1).key), run=2)
-    assert (store.find(sweep(1).key).note, store.tags()) == ("good", {"baseline": 2})
+    assert store.tags() == {"baseline": 2}
     assert store.log(sweep(2).key) == "the log"
     assert store.page("a>=2").total == store.page("metric.overshoot>1").total == 2
     assert store.health() == "sound"
@@ -152,8 +151,7 @@ DAMAGE = {
     "UPDATE metric SET value = 1.25": "result damaged and left out",
     "DELETE FROM curve_column": "result damaged and left out",
     "UPDATE part SET content = '{}'": "it cannot be read, or its parameters are damaged; left out",
-    "UPDATE note SET text = 'bad'": "tags or note damaged and left out",
-    "DELETE FROM tag": "tags or note damaged and left out",
+    "DELETE FROM tag": "tags damaged and left out",
 }
 
 
@@ -166,7 +164,6 @@ def test_what_is_damaged_is_left_out_with_a_line(store, path, sweep, result, tmp
     with Store.open(str(file), create=True) as theirs:
         theirs.save(begin_in(theirs, [sweep(), sweep(1)]), [(sweep(), result(), {})])
         theirs.tag([sweep().key], "baseline")
-        theirs.annotate(sweep().key, "good")
     spoil(file, statement)
     with Store.open(str(file), read_only=True) as theirs:
         merged = joined(store, theirs)
@@ -202,19 +199,16 @@ def test_whatever_differs_is_a_conflict_with_both_texts_and_nothing_is_overwritt
     theirs = replace(theirs, findings=remarks("half well"), numerics="8 lanes", response=changed)
     store.save(begin_in(store, [sweep()]), [(sweep(), first, origin)])
     other.save(begin_in(other, [sweep()]), [(sweep(), theirs, {})])
-    for one, text in ((store, "drifts"), (other, "is fine")):
-        one.annotate(sweep().key, text)
     other.tag([sweep().key], "laser")
     (conflict,) = joined(store, other).conflicts
-    assert set(conflict.what) == {"findings", "numerics", "origins", "note", "response", "metrics"}
-    assert 'note: "drifts" here, "is fine" there' in conflict.how
+    assert set(conflict.what) == {"findings", "numerics", "origins", "response", "metrics"}
     assert 'findings: text "all well" here, "half well" there' in conflict.how
     assert "estimator proposed: " in conflict.how
     assert "response: response by " in conflict.how
     assert "overshoot 1.5 here, 1.6 there" in conflict.how
     assert "undefined" not in conflict.how  # NaN is equal to itself
     found = store.find(sweep().key)
-    assert (found.note, found.message, found.tags) == ("drifts", "all well", ("laser",))
+    assert (found.message, found.tags) == ("all well", ("laser",))
     assert repr(store.result(sweep().key)) == repr(first)
     assert len(joined(store, other).conflicts) == 1
 

@@ -8,7 +8,7 @@ from fraexp.store import Deletion, Store
 from fraexp.store.tables import TRASH
 from tests.refusals import refused
 
-TABLES = ("run", "run_sweep", "sweep", "tag", "note", "frequency_response", "metric", "curve", "curve_column")
+TABLES = ("run", "run_sweep", "sweep", "tag", "frequency_response", "metric", "curve", "curve_column")
 
 
 @pytest.fixture
@@ -19,7 +19,6 @@ def filled(store, begin, sweep, result, origin):
         store.save(run, [(sweep(number), result(number), origin) for number in numbers])
         store.end_run(run, "complete")
     store.tag([sweep(1).key, sweep(2).key], "baseline")
-    store.annotate(sweep(1).key, "seen")
     return store
 
 

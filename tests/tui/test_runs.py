@@ -26,7 +26,7 @@ def test_a_run_is_deleted_only_if_that_is_confirmed(workspace):
         await until(pilot, lambda: isinstance(app.screen, RunsPage))
         await shows(pilot, "failing")
         await pilot.press("D")
-        await shows(pilot, "Delete run 2 of failing", "with their results, tags and notes?")
+        await shows(pilot, "Delete run 2 of failing", "with their results and tags?")
         await pilot.press("enter")
         await settle(pilot)
         assert "failing" in screen_text(app)

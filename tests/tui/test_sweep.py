@@ -122,7 +122,7 @@ def test_a_sweep_that_failed_shows_its_message_and_log(workspace):
 
 
 @pytest.mark.thorough
-def test_it_is_marked_tagged_and_annotated_here_too(workspace, keys):
+def test_it_is_marked_and_tagged_here_too(workspace, keys):
     async def steps(app, pilot):
         await opened(app, pilot, keys[1])
         await pilot.press("space")
@@ -131,10 +131,6 @@ def test_it_is_marked_tagged_and_annotated_here_too(workspace, keys):
         await shows(pilot, "(one word)?")
         await pilot.press(*"fine", "enter")
         await shows(pilot, "tags fine")
-        await pilot.press("n")
-        await shows(pilot, "Note on sweep")
-        await pilot.press(*"noted", "enter")
-        await shows(pilot, "note noted")
         assert list(app.marks) == [keys[1]]
 
     pilot_of(workspace, steps)

@@ -1,4 +1,4 @@
-"""All sweeps: filter, order, marks, tags, notes, deletion."""
+"""All sweeps: filter, order, marks, tags, deletion."""
 
 import pytest
 from textual import events

@@ -16,7 +16,6 @@ def listed(**changes) -> StoredSweep:
         "outcome": Outcome.NOT_SETTLED, "findings": remarks("1 of 30"), "estimator": {"name": "proposed"},
         "experiment": {"source": "loop", "friction": {"name": "rolling"}}, "elapsed": 0.5,
         "created": datetime(2026, 1, 31, 12, tzinfo=UTC), "run": 7, "study": "bench", "tags": ("good", "ours"),
-        "note": "look at 80 Hz",
     }  # fmt: skip
     return StoredSweep(**(values | changes))
 

@@ -13,12 +13,12 @@ from fraexp.data.sweep import Sweep
 from fraexp.store import codec, shared_sections
 from fraexp.store.damage import is_damage, read_tolerantly
 from fraexp.store.digests import (
-    annotations_digest,
     listed_digest,
     origins_digest,
-    read_annotations,
     read_result_rows,
+    read_tags,
     result_digest,
+    tags_digest,
 )
 from fraexp.store.tables import Query, RowValues, curve_column, frequency_response, run_sweep, sweep
 from fraexp.store.validation import FOREIGN_DATA_ERRORS
@@ -43,7 +43,6 @@ class SourceSweep:
     """Columns of the result; empty without one."""
     rows: Rows
     tags: tuple[str, ...]
-    note: str
     damage: tuple[str, ...] = ()
     """What is damaged and left out, in words; the rest is sound."""
 
@@ -119,25 +118,25 @@ def _fitting_lists(source: Transaction, keys: list[str]) -> list[list[str]]:
 def _read_sweeps(connection: Connection, keys: list[str]) -> dict[str, SourceSweep]:
     found = connection.execute(select(sweep).where(sweep.c.key.in_(keys))).mappings().all()
     resolved = shared_sections.load_parts(connection, found)
-    rows, (tags, notes) = read_result_rows(connection, keys), read_annotations(connection, keys)
+    rows, tags = read_result_rows(connection, keys), read_tags(connection, keys)
     return {
-        key: _source_sweep(row, resolved[key], rows[key], tags.get(key, ()), notes.get(key, ""))
+        key: _source_sweep(row, resolved[key], rows[key], tags.get(key, ()))
         for row in found
         if (key := row["key"]) in resolved
     }
 
 
 def _source_sweep(
-    row: RowMapping, sections: tuple[RowValues, RowValues], rows: Rows, tags: tuple[str, ...], note: str
+    row: RowMapping, sections: tuple[RowValues, RowValues], rows: Rows, tags: tuple[str, ...]
 ) -> SourceSweep:
     damage = list(_find_damage(row, rows))
-    if annotations_digest(row["key"], tags, note) != row["annotations"]:
-        damage.append("tags or note")
-        tags, note = (), ""
+    if tags_digest(row["key"], tags) != row["tags"]:
+        damage.append("tags")
+        tags = ()
     has_result = row["outcome"] is not None and not damage_of_result(damage)
     outcome = Outcome[row["outcome"]].name if row["outcome"] else None  # of an unknown one nothing is read
     columns = {name: row[name] for name in RESULT_COLUMNS} | {"outcome": outcome}
-    return SourceSweep(Sweep(*sections, {}), columns if has_result else {}, rows, tags, note, tuple(damage))
+    return SourceSweep(Sweep(*sections, {}), columns if has_result else {}, rows, tags, tuple(damage))
 
 
 def damage_of_result(damage: Sequence[str]) -> bool:

@@ -22,20 +22,20 @@ from fraexp.store.damage import read_tolerantly
 from fraexp.store.digests import (
     ORIGIN_COLUMNS,
     new_run_sweep,
-    read_annotations,
     read_origin_rows,
     read_run_rows,
+    read_tags,
     run_digest,
     run_sweep_digest,
-    seal_annotations,
     seal_places,
     seal_run,
+    seal_tags,
 )
 from fraexp.store.queries import reading, stored_results
 from fraexp.store.queries.filter_sql import STATES
 from fraexp.store.queries.reading import RUN_STATES
 from fraexp.store.stored_records import Conflict, MergeSummary
-from fraexp.store.tables import RESULT_TABLES, RowValues, insert_or_ignore, key_chunks, note, run, run_sweep, sweep, tag
+from fraexp.store.tables import RESULT_TABLES, RowValues, insert_or_ignore, key_chunks, run, run_sweep, sweep, tag
 
 BATCH_SIZE = 500
 """Sweeps that are processed together."""
@@ -135,7 +135,7 @@ class _Merge:
         self._added.update(new, missing)
         both = [key for key in keys if sweeps_read[key].result_columns and existing.get(key)]
         self._compare_origins(connection, sweeps_read, both)
-        self._add_annotations(connection, sweeps_read)
+        self._add_tags(connection, sweeps_read)
         return both
 
     def _compare_origins(
@@ -154,27 +154,20 @@ class _Merge:
             if texts:
                 self._add_conflict(key, ("origins",), f"provided by {', '.join(texts)}")
 
-    def _add_annotations(self, connection: Connection, sweeps_read: Mapping[str, SourceSweep]) -> None:
-        """Add tags and notes; a note that differs is a conflict."""
-        annotated = {key: of for key, of in sweeps_read.items() if of.tags or of.note}
-        tags, notes = read_annotations(connection, annotated)
-        for key, there in annotated.items():
-            if there.note and notes.get(key, there.note) != there.note:
-                self._add_conflict(key, ("note",), f'note: "{notes[key]}" here, "{there.note}" there')
-        new_tags = [
+    def _add_tags(self, connection: Connection, sweeps_read: Mapping[str, SourceSweep]) -> None:
+        tagged = {key: of.tags for key, of in sweeps_read.items() if of.tags}
+        known = read_tags(connection, tagged)
+        added = [
             {"key": key, "name": name}
-            for key, of in annotated.items()
-            for name in of.tags
-            if name not in tags.get(key, ())
+            for key, tags in tagged.items()
+            for name in tags
+            if name not in known.get(key, ())
         ]
-        new_notes = [{"key": key, "text": of.note} for key, of in annotated.items() if of.note and key not in notes]
-        for table, rows in ((tag, new_tags), (note, new_notes)):
-            if rows:
-                connection.execute(insert_or_ignore(connection, table), rows)
-        changed = [row["key"] for row in (*new_tags, *new_notes)]
-        seal_annotations(connection, changed)
-        self.summary.tags += len(new_tags)
-        self.summary.notes += len(new_notes)
+        if added:
+            connection.execute(insert_or_ignore(connection, tag), added)
+        changed = [row["key"] for row in added]
+        seal_tags(connection, changed)
+        self.summary.tags += len(added)
         self._added.update(changed)
 
     def merge_run(self, source: Transaction, target: Transaction, number: int) -> None:

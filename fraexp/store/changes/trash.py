@@ -11,7 +11,7 @@ from sqlalchemy import Connection, Table, and_, delete, exists, insert, literal,
 from fraexp.errors import StoreError
 from fraexp.store import shared_sections
 from fraexp.store.changes.merge_source import RESULT_COLUMNS
-from fraexp.store.digests import seal_annotations, seal_places, seal_sound_runs
+from fraexp.store.digests import seal_places, seal_sound_runs, seal_tags
 from fraexp.store.liveness import Process, host_of, now
 from fraexp.store.stored_records import Deletion
 from fraexp.store.tables import (
@@ -108,7 +108,7 @@ def _restore_sweeps(connection: Connection, keys: list[str]) -> list[str]:
         connection.execute(update(sweep).where(sweep.c.key == key).values(**values))
     for table in SWEEP_TABLES:
         _move(connection, TRASH[table], table, TRASH[table].c.key.in_(rows))
-    seal_annotations(connection, waiting)
+    seal_tags(connection, waiting)
     return list(rows)
 
 

@@ -29,7 +29,6 @@ from fraexp.store.tables import (
     Expression,
     field,
     metric,
-    note,
     part,
     run,
     run_sweep,
@@ -56,7 +55,6 @@ SWEEP_COLUMNS: Columns = {
     "source": sweep.c.source,
     "study": select(run.c.study).where(run.c.number == run_view.c.run).scalar_subquery(),
     "run": run_view.c.run,
-    "note": select(note.c.text).where(note.c.key == SWEEP_KEY).scalar_subquery(),
     "message": func.coalesce(func.nullif(run_view.c.message, ""), func.nullif(findings_text, "[]"), ""),
     "elapsed": sweep.c.elapsed,
     "created": sweep.c.created,
@@ -244,10 +242,6 @@ def _tag_sql(condition: Condition) -> ColumnElement[bool]:
     return SWEEP_KEY.in_(select(tag.c.key).where(tag.c.name == condition.value))
 
 
-def _note_sql(condition: Condition) -> ColumnElement[bool]:
-    return SWEEP_KEY.in_(select(note.c.key).where(_text_sql(condition, note.c.text)))
-
-
 def _study_sql(condition: Condition) -> ColumnElement[bool]:
     runs = select(run.c.number).where(_text_sql(condition, run.c.study))
     return exists().where(run_sweep.c.key == SWEEP_KEY, run_sweep.c.run.in_(runs))
@@ -300,7 +294,6 @@ FIELD_SQL: dict[str, Callable[[Condition], ColumnElement[bool]]] = {
     "key": _key_sql,
     "outcome": _outcome_sql,
     "tag": _tag_sql,
-    "note": _note_sql,
     "study": _study_sql,
     "run": _run_sql,
     "elapsed": _elapsed_sql,

@@ -22,7 +22,7 @@ COMPARISON = re.compile(
 """A term with an operator outside of quotes."""
 LONG_WORD = re.compile(r"[^\W\d_]{5}")
 """Five letters, which no symbol of a unit has: coulomb is a friction law."""
-FIELDS_OF_TEXT = ("key", "state", "outcome", "source", "study", "tag", "note", "message", "created")
+FIELDS_OF_TEXT = ("key", "state", "outcome", "source", "study", "tag", "message", "created")
 """Fields whose values have no unit, beside the names of components."""
 NUMBER_WITH_UNIT = re.compile(rf"({units.NUMBER.pattern})\s*(.*)", re.DOTALL)
 TIME_FORMATS = (("%Y-%m-%d", timedelta(days=1)), ("%Y-%m-%dT%H:%M", timedelta(minutes=1)))

@@ -23,7 +23,6 @@ SWEEP_FIELDS = (
     "study",
     "run",
     "tag",
-    "note",
     "message",
     "elapsed",
     "created",

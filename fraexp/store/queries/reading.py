@@ -14,15 +14,15 @@ from fraexp.store import codec, shared_sections
 from fraexp.store.damage import DAMAGED, RESTORE_HINT, read_tolerantly
 from fraexp.store.digests import (
     LISTED_COLUMNS,
-    annotations_digest,
     digest,
     listed_digest,
     log_digest,
     origins_digest,
-    read_annotations,
     read_origin_rows,
+    read_tags,
     run_digest,
     sum_of_digests,
+    tags_digest,
 )
 from fraexp.store.liveness import Host, Process, host_of, now
 from fraexp.store.queries.filter_sql import STATES
@@ -216,7 +216,7 @@ def _listing_query(*conditions: Expression) -> Query:
         *(sweep.c[name] for name in LISTED_COLUMNS),
         sweep.c.digest,
         sweep.c.in_runs,
-        *(sweep.c[name] for name in ("origins", "parts", "annotations")),
+        *(sweep.c[name] for name in ("origins", "parts", "tags")),
         *(sweep.c[f"{name}_part"] for name in PARTS),
         run_sweep.c.run,
         run_sweep.c.position,
@@ -234,26 +234,26 @@ def _stored_sweeps(connection: Connection, query: Query) -> list[tuple[int, Stor
     rows = connection.execute(query).mappings().all()
     keys = [row["key"] for row in rows]
     resolved = shared_sections.load_parts(connection, rows)
-    tags, notes = read_annotations(connection, keys)
+    tags = read_tags(connection, keys)
     origins = {key: of for chunk in key_chunks(keys) for key, of in read_origin_rows(connection, chunk).items()}
     studies = read_studies(connection, {row["run"] for row in rows} - {None})
     found = []
     for row in rows:
         key = row["key"]
-        own, of_tags, text = origins.get(key, []), tags.get(key, ()), notes.get(key, "")
-        is_sound = key in resolved and _is_listing_sound(row, of_tags, text)
+        own, of_tags = origins.get(key, []), tags.get(key, ())
+        is_sound = key in resolved and _is_listing_sound(row, of_tags)
         if is_sound and origins_digest(key, own) == row["origins"]:
             study = None if row["run"] is None else studies.get(row["run"], DAMAGED_RUN)
-            listed = check_types(_stored_sweep(row, *resolved[key], own, of_tags, text, study))
+            listed = check_types(_stored_sweep(row, *resolved[key], own, of_tags, study))
         else:
             listed = damaged_sweep(key, row["run"])
         found.append((row["position"] or 0, listed))
     return found
 
 
-def _is_listing_sound(row: RowMapping, tags: Iterable[str], note: str) -> bool:
+def _is_listing_sound(row: RowMapping, tags: Iterable[str]) -> bool:
     """Return whether what a listing shows of a sweep and of its run is as it was stored."""
-    if listed_digest(row) != row["digest"] or annotations_digest(row["key"], tags, note) != row["annotations"]:
+    if listed_digest(row) != row["digest"] or tags_digest(row["key"], tags) != row["tags"]:
         return False
     if row["run"] is None:
         return bool(row["in_runs"] == WITHOUT_RUN)
@@ -269,7 +269,6 @@ def _stored_sweep(
     estimator: JsonTable,
     origins: Iterable[TableRow],
     tags: tuple[str, ...],
-    note: str,
     study: str | None,
 ) -> StoredSweep:
     return StoredSweep(
@@ -288,7 +287,6 @@ def _stored_sweep(
             for of in origins
         },
         tags=tags,
-        note=note,
         run=row["run"],
         study=study,
     )

@@ -117,6 +117,6 @@ Enter opens a run: its sweeps, its log, and the keys that stop it or start it ag
             return f"run {run.number} deleted, with {plural(gone, 'sweep')}; u brings it back"
 
         what = f"Delete run {run.number} of {run.study}, and those of its {plural(run.total, 'sweep')}"
-        question = f"{what} that no other run has, with their results, tags and notes?"
+        question = f"{what} that no other run has, with their results and tags?"
         if await self.app.push_screen_wait(ConfirmDialog(question)):
             self.change(delete)

@@ -267,8 +267,7 @@ def _summary_text(sweep: StoredSweep, registry: Registry) -> Content:
     parts += [f"\n{printable(label)}" for label in sweep_labels(sweep, registry)]
     if sweep.created:
         parts.append(f"\ncomputed {timestamp_text(sweep.created)} in {duration_text(sweep.elapsed)}")
-    told = {"tags": " ".join(sweep.tags), "note": sweep.note}  # before the message, which may be long
-    told |= {"message": sweep.message, "remedy": remedy_text(sweep)}
+    told = {"tags": " ".join(sweep.tags), "message": sweep.message, "remedy": remedy_text(sweep)}
     for name, value in told.items():
         if value:
             parts += [(f"\n{name} ", "bold"), printable(value)]

@@ -73,7 +73,7 @@ and listed once. Mark sweeps with Space, here or in a run, and compare them with
 
 All terms of the filter must match:
   {FILTER_EXAMPLE}
-Fields are the columns, tag, note, run, the path of any parameter, and metric.NAME, followed by one of \
+Fields are the columns, tag, run, the path of any parameter, and metric.NAME, followed by one of \
 = != >= <= > < or : (contains). A number may have a unit (loop.resolution<=1um). -TERM excludes matches. A single word \
 is searched in all fields. Tab completes names.
 """

@@ -1,4 +1,4 @@
-"""Tags, notes, deletion and undeletion, for all screens that show sweeps or runs."""
+"""Tags, deletion and undeletion, for all screens that show sweeps or runs."""
 
 from collections.abc import Callable, Sequence
 from typing import ClassVar
@@ -8,7 +8,7 @@ from textual.binding import Binding, BindingType
 
 from fraexp.errors import FraexpError, StoreError
 from fraexp.store import Store
-from fraexp.store.queries.annotations import check_tag
+from fraexp.store.queries.tags import check_tag
 from fraexp.tui.dialogs import ConfirmDialog, InputDialog
 from fraexp.tui.page import ACTION_GROUP, Page
 from fraexp.views.deletion import deletion_text, hidden_text, sweep_loss_text
@@ -62,7 +62,6 @@ class TaggingPage(ChangingPage):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("t", "tag", "tag", tooltip="tag the marked sweeps, or this one"),
         Binding("T", "tag(True)", "untag", show=False, tooltip="remove a tag from the marked sweeps, or this one"),
-        Binding("n", "note", "note", tooltip="edit the note of this sweep"),
         Binding("D", "delete", "delete", show=False, tooltip="delete the marked sweeps, or this one"),
     ]
 
@@ -105,18 +104,6 @@ class TaggingPage(ChangingPage):
             self.change(lambda store: store.untag(keys, name), f"{_sweeps_text(keys)}: tag {name} removed")
         elif name:
             self.change(lambda store: store.tag(keys, name), f"{_sweeps_text(keys)} tagged {name}")
-
-    @work(group=ACTION_GROUP)
-    async def action_note(self) -> None:
-        """Edit the note of the sweep under the cursor."""
-        key = self.current()
-        before = await self.read(lambda store: store.note(key), self.show_refusal) if key else None
-        if key is None or before is None:
-            return
-        question = f"Note on sweep {short_key(key)} (empty: remove)"
-        text = await self.app.push_screen_wait(InputDialog(question, before))
-        if text is not None and text != before:
-            self.change(lambda store: store.annotate(key, text), f"{short_key(key)}: {text or 'note removed'}")
 
     @work(group=ACTION_GROUP)
     async def action_delete(self) -> None:

@@ -1,4 +1,4 @@
-"""Annotations by the user: tags and notes."""
+"""Tags by the user."""
 
 from collections.abc import Iterable
 
@@ -6,8 +6,8 @@ from sqlalchemy import Connection, delete, func, insert, select
 
 from fraexp.errors import StoreError, did_you_mean
 from fraexp.store.damage import RESTORE_HINT
-from fraexp.store.digests import annotations_digest, read_annotations, seal_annotations
-from fraexp.store.tables import key_chunks, note, sweep, tag
+from fraexp.store.digests import read_tags, seal_tags, tags_digest
+from fraexp.store.tables import key_chunks, sweep, tag
 
 
 def check_tag(name: str) -> None:
@@ -24,7 +24,7 @@ def add_tag(connection: Connection, keys: Iterable[str], name: str) -> None:
         rows = [{"key": key, "name": name} for key in chunk if key not in has]
         if rows:
             connection.execute(insert(tag), rows)
-            seal_annotations(connection, [row["key"] for row in rows])
+            seal_tags(connection, [row["key"] for row in rows])
 
 
 def remove_tag(connection: Connection, keys: Iterable[str], name: str) -> None:
@@ -34,7 +34,7 @@ def remove_tag(connection: Connection, keys: Iterable[str], name: str) -> None:
         raise StoreError(f"no sweep has the tag '{name}'{did_you_mean(name, known)}")
     for chunk in _sound_keys(connection, keys):
         connection.execute(delete(tag).where(tag.c.name == name, tag.c.key.in_(chunk)))
-        seal_annotations(connection, chunk)
+        seal_tags(connection, chunk)
 
 
 def count_tags(connection: Connection) -> dict[str, int]:
@@ -43,24 +43,15 @@ def count_tags(connection: Connection) -> dict[str, int]:
     return {row.name: row.sweeps for row in connection.execute(counts)}
 
 
-def annotate(connection: Connection, key: str, text: str) -> None:
-    """Set the note of a sweep; a blank text removes it."""
-    list(_sound_keys(connection, [key]))
-    connection.execute(delete(note).where(note.c.key == key))
-    if text.strip():
-        connection.execute(insert(note).values(key=key, text=text.strip()))
-    seal_annotations(connection, [key])
-
-
 def _sound_keys(connection: Connection, keys: Iterable[str]) -> Iterable[list[str]]:
-    """Yield the keys in lists; StoreError if one does not exist, or its tags or note are damaged."""
+    """Yield the keys in lists; StoreError if one does not exist, or its tags are damaged."""
     for chunk in key_chunks(keys):
-        tags, notes = read_annotations(connection, chunk)
-        query = select(sweep.c.key, sweep.c.annotations).where(sweep.c.key.in_(chunk))
-        stored = {row.key: row.annotations for row in connection.execute(query)}
+        tags = read_tags(connection, chunk)
+        query = select(sweep.c.key, sweep.c.tags).where(sweep.c.key.in_(chunk))
+        stored = {row.key: row.tags for row in connection.execute(query)}
         for key in chunk:
             if key not in stored:
                 raise StoreError(f"there is no sweep {key}; it may have been deleted")
-            if annotations_digest(key, tags.get(key, ()), notes.get(key, "")) != stored[key]:
-                raise StoreError(f"the tags or the note of sweep {key[4:12]} are damaged; {RESTORE_HINT}")
+            if tags_digest(key, tags.get(key, ())) != stored[key]:
+                raise StoreError(f"the tags of sweep {key[4:12]} are damaged; {RESTORE_HINT}")
         yield chunk
