@@ -90,7 +90,7 @@ def disturbed(kind: str, periods: int, lines: NDArray[np.int64], generator: np.r
 @pytest.mark.parametrize("periods", [3, 6, 20])
 def test_noise_is_not_taken_for_a_transient(kind: str, periods: int) -> None:
     alarms, generator = 0, np.random.default_rng([periods, len(kind)])
-    for _ in range(20):
+    for _ in range(14):
         steps = tuple(disturbed(kind, periods, np.array([line]), generator) for line in range(1, 21))
         multisine = (disturbed(kind, periods, np.arange(1, 60, 2), generator),)
         alarms += sum(

@@ -19,7 +19,7 @@ machine = "linear_motor_table"
 name = "stepped_sine"
 amplitude = 75.0
 min_frequency = 5.0
-points = 60
+points = 30
 
 [[case]]
 label = "positioned"
@@ -67,7 +67,7 @@ def test_a_fit_that_failed_fails_what_needs_it_with_the_reason(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # five points are too few for two modes
-    assert main(["run", written(folder, **{"points = 60": "points = 5"}), "--executor", "serial"]) == 1
+    assert main(["run", written(folder, **{"points = 30": "points = 5"}), "--executor", "serial"]) == 1
     said = capsys.readouterr().err
     assert "it needs the plant that sweep" in said
     with Store.open("results.db", read_only=True) as store:

@@ -195,7 +195,7 @@ def test_another_response_is_no_plant():
     with pytest.raises(RecordError, match="change the sign"):
         fitted(replace(upside_down, response=-upside_down.response), modes=2)
     with pytest.raises(RecordError, match="position over force"):
-        fitted(replace(upside_down, response=1 / upside_down.response))
+        fitted(replace(upside_down, response=1 / upside_down.response), modes=2)
 
 
 def test_limits_of_the_band_are_checked():

@@ -36,7 +36,7 @@ def sprung_force(displacement: np.ndarray, stiffness: np.ndarray, limit: np.ndar
     """Return the force of springs that slip over a period of displacement, after one period that leads to it."""
     force, forces = np.zeros(stiffness.size), []
     for step in np.tile(np.diff(displacement, prepend=displacement[-1]), 2):
-        force = np.clip(force + stiffness * step, -limit, limit)
+        force = np.minimum(np.maximum(force + stiffness * step, -limit), limit)
         forces.append(force.sum())
     return np.array(forces[displacement.size :])
 
