@@ -1,6 +1,5 @@
 """Averaging periods: exact without noise, an honest standard deviation with it, and the motor bench."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,7 @@ import pytest
 
 from fraexp.analysis.fourier import PeriodicSpectrum, periodic_spectrum, response_covariance
 from fraexp.components.registry import Registry
-from fraexp.data.signals import Segment, Signals
+from fraexp.data.signals import Segment
 from fraexp.records import RecordSettings, load, resolve
 
 BENCH = Path(__file__).parents[3] / "shared" / "data" / "two_inertia_bench"
