@@ -81,7 +81,7 @@ ENTRIES = [
     Entry(
         "positioning/robustness",
         "robustness.png",
-        "Distributions of overshoot, settling time and peak thrust over 200 machines, with the worst ones",
+        "Distributions of overshoot, settling time and peak thrust over 200 machines",
         "[Random draws](studies.md#random-draws)",
     ),
 ]

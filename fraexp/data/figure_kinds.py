@@ -12,7 +12,7 @@ FIGURES = {
     "levels": "magnitude over the standard deviations by noise and by nonlinear distortions",
     "hysteresis": "friction force over displacement",
     "positioning": "position less target over time within a few bands, and the thrust",
-    "distribution": "metrics over random draws: share of the draws, with median and 95 %, and the worst draw",
+    "distribution": "metrics over random draws: share of the draws, with median and 95 %",
     "curves": "other curves, a panel for each column",
 }
 """What each kind shows."""

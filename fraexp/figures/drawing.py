@@ -22,7 +22,7 @@ from fraexp.figures.kinds.amplitude_map import amplitude_map_info, draw_amplitud
 from fraexp.figures.kinds.bode import Reference, bode_info, draw_bode
 from fraexp.figures.kinds.coherence import coherence_info
 from fraexp.figures.kinds.difference import difference_info, draw_difference
-from fraexp.figures.kinds.distribution import distribution_info, draw_distribution
+from fraexp.figures.kinds.distribution import distribution_info
 from fraexp.figures.kinds.hysteresis_loops import draw_hysteresis, hysteresis_info, is_hysteresis
 from fraexp.figures.kinds.levels import draw_levels, levels_info
 from fraexp.figures.kinds.nyquist import draw_nyquist, nyquist_info
@@ -119,7 +119,7 @@ DRAWING_FUNCTIONS: dict[str, Callable[[_FigureRequest], Figure]] = {
     "levels": lambda of: draw_levels(levels_info(of.shown, of.title)),
     "hysteresis": lambda of: draw_hysteresis(hysteresis_info(*of.curves(is_hysteresis))),
     "positioning": lambda of: draw_panels(positioning_info(*of.curves(is_positioning))),
-    "distribution": lambda of: draw_distribution(distribution_info(of.shown, of.title)),
+    "distribution": lambda of: draw_panels(distribution_info(of.shown, of.title)),
     "curves": lambda of: draw_panels(curves_info(*of.curves())),
 }
 """What draws each kind of figure."""

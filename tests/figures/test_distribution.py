@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from fraexp.data.results import Metric, Outcome, Result
 from fraexp.errors import FraexpError
@@ -27,42 +28,28 @@ def shown(family, *columns, unit="s", extra=()):
 TIMES = [0.012, 0.011, 0.019, 0.013, 0.015, 0.014, 0.016, 0.017, 0.018, 0.010]
 
 
-def test_the_worst_is_that_of_the_draws():
+def test_a_distribution_has_a_step_for_each_draw():
     info = distribution_info(shown("nominal", TIMES), "T")
-    (panel,) = info.panels
-    (sample,) = panel.samples
-    assert (panel.metric, panel.unit, sample.count) == ("metric 0", "ms", 10)
-    np.testing.assert_allclose(sample.values, np.arange(10.0, 20.0))
-    assert sample.worst.drawn == RandomDraw(3, "nominal")
+    (family,) = info.families
+    (line,) = family.panels[0].lines
+    assert family.abscissa == "Metric 0 [ms]"
+    np.testing.assert_allclose(line.x, np.repeat(np.arange(10.0, 20.0), 2))
+    np.testing.assert_allclose(line.y, 10 * np.repeat(np.arange(11), 2)[1:-1])
 
 
 def test_a_draw_without_a_value_counts_as_worse_than_all():
-    (axes,) = draw_figure(shown("nominal", [*TIMES[:9], np.nan]), kind="distribution").axes
-    (steps,) = (line for line in axes.lines if len(line.get_xdata()) == 10)
-    np.testing.assert_allclose(steps.get_xydata()[[0, 5, 9]], [[11.0, 0.0], [15.0, 50.0], [19.0, 90.0]])
+    (panel,) = distribution_info(shown("nominal", [*TIMES[:9], np.nan])).panels
+    (line,) = panel.lines
+    assert (line.x[0], line.y[0]) == pytest.approx((11.0, 0.0))
+    assert (line.x[9], line.y[9]) == pytest.approx((15.0, 50.0)), "the fifth of ten"
+    assert (line.x[-1], line.y[-1]) == pytest.approx((19.0, 90.0))
 
 
-def test_a_case_that_never_has_a_value_is_in_the_legend():
+def test_cases_lie_over_each_other_and_one_that_never_has_a_value_is_in_the_legend():
     found = shown("nominal", TIMES) + shown("wrong", [np.nan] * 10)
-    (panel,) = distribution_info(found).panels
-    assert [sample.worst is None for sample in panel.samples] == [False, True]
-    figure = draw_figure(found, kind="distribution")
+    figure = draw_figure(found, title="Robustness", kind="distribution")
     (axes,) = figure.axes
-    assert [text.get_text() for text in axes.texts] == ["draw 3"]
-    assert [text.get_text() for text in figure.legends[0].texts] == ["nominal", "wrong"]
-
-
-def test_the_worst_is_the_greatest_magnitude():
-    (panel,) = distribution_info(shown("", [-0.5, *TIMES])).panels
-    assert panel.samples[0].worst.drawn.number == 1
-
-
-def test_cases_lie_over_each_other_and_the_worst_draws_are_named():
-    both = shown("nominal", TIMES) + shown("wrong", [2 * time for time in reversed(TIMES)])
-    figure = draw_figure(both, title="Robustness", kind="distribution")
-    (panel,) = figure.axes
-    assert panel.get_xlabel() == "Metric 0 [ms]"
-    assert [text.get_text() for text in panel.texts] == ["draw 3", "draw 8"]
+    assert (axes.get_xlabel(), axes.get_title()) == ("Metric 0 [ms]", "Robustness")
     assert [text.get_text() for text in figure.legends[0].texts] == ["nominal", "wrong"]
 
 
@@ -76,8 +63,8 @@ def test_only_metrics_that_differ_are_drawn_in_their_order_and_not_what_an_exper
         )
         for n, of in enumerate(found)
     ]
-    names = [panel.metric for panel in distribution_info(taken).panels]
-    assert names == ["metric 1", "metric 2", "metric 3", "metric 4"]
+    names = [family.abscissa.partition(" [")[0] for family in distribution_info(taken).families]
+    assert names == ["Metric 1", "Metric 2", "Metric 3", "Metric 4"]
     assert len(names) == MAX_METRICS
 
 
