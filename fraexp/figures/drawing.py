@@ -21,10 +21,10 @@ from fraexp.figures.elements.view import FULL_VIEW, View, break_wrapped_lines, z
 from fraexp.figures.kinds.amplitude_map import amplitude_map_info, draw_amplitude_map, response_map_info
 from fraexp.figures.kinds.bode import Reference, bode_info, draw_bode
 from fraexp.figures.kinds.coherence import coherence_info
-from fraexp.figures.kinds.difference import difference_info, draw_difference
+from fraexp.figures.kinds.difference import difference_figure, difference_info
 from fraexp.figures.kinds.distribution import distribution_info
 from fraexp.figures.kinds.hysteresis_loops import draw_hysteresis, hysteresis_info, is_hysteresis
-from fraexp.figures.kinds.levels import draw_levels, levels_info
+from fraexp.figures.kinds.levels import levels_info
 from fraexp.figures.kinds.nyquist import draw_nyquist, nyquist_info
 from fraexp.figures.kinds.other_curves import curves_info
 from fraexp.figures.kinds.plant_errors import errors_figure, errors_info
@@ -113,10 +113,10 @@ DRAWING_FUNCTIONS: dict[str, Callable[[_FigureRequest], Figure]] = {
     "bode": _draw_bode,
     "errors": lambda of: draw_panels(errors_figure(errors_info(of.shown, of.title))),
     "amplitude_map": lambda of: draw_amplitude_map(amplitude_map_info(of.shown, of.title)),
-    "difference": lambda of: draw_difference(difference_info(of.shown, of.title)),
+    "difference": lambda of: draw_panels(difference_figure(difference_info(of.shown, of.title))),
     "nyquist": lambda of: draw_nyquist(nyquist_info(of.shown, of.reference, of.title)),
     "coherence": lambda of: draw_panels(coherence_info(of.shown, of.title)),
-    "levels": lambda of: draw_levels(levels_info(of.shown, of.title)),
+    "levels": lambda of: draw_panels(levels_info(of.shown, of.title)),
     "hysteresis": lambda of: draw_hysteresis(hysteresis_info(*of.curves(is_hysteresis))),
     "positioning": lambda of: draw_panels(positioning_info(*of.curves(is_positioning))),
     "distribution": lambda of: draw_panels(distribution_info(of.shown, of.title)),

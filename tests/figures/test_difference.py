@@ -6,7 +6,13 @@ import pytest
 from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.grouping import ShownResult
-from fraexp.figures.kinds.difference import difference_curve, difference_info, draw_difference, response_difference
+from fraexp.figures.elements.panel_figure import draw_panels
+from fraexp.figures.kinds.difference import (
+    difference_curve,
+    difference_figure,
+    difference_info,
+    response_difference,
+)
 from tests.figures.curves import make_response
 from tests.refusals import refused
 
@@ -57,7 +63,7 @@ def test_what_shares_nothing_with_the_first_is_left_out_and_told() -> None:
     assert info.reference == "first"
     assert [curve.label for curve in info.curves] == ["near"]
     assert info.left_out == ("far",)
-    assert [text.get_text() for text in draw_difference(info).legends[0].get_texts()] == ["near"]
+    assert [text.get_text() for text in draw_panels(difference_figure(info)).legends[0].get_texts()] == ["near"]
     with refused(FraexpError, "difference", "first"):
         difference_info([first, far])
     with refused(FraexpError, "1 responses"):

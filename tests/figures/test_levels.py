@@ -6,7 +6,8 @@ import pytest
 from fraexp.data.results import Curve, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.grouping import ShownResult
-from fraexp.figures.kinds.levels import QUANTITIES, draw_levels, levels_info
+from fraexp.figures.elements.panel_figure import draw_panels
+from fraexp.figures.kinds.levels import QUANTITIES, levels_info
 from fraexp.views.text_tables import response_table
 from tests.figures.curves import make_response
 from tests.refusals import refused
@@ -63,7 +64,7 @@ def test_only_what_is_known_is_drawn() -> None:
     known = shown("known", deviation=np.full(3, 1e-5))
     info = levels_info([known, shown("nothing known")])
     assert [(line.place.facet, line.name) for line in info.panels[0].lines] == [("known", RESPONSE), ("known", TOTAL)]
-    figure = draw_levels(info)
+    figure = draw_panels(info)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [RESPONSE, TOTAL]
     with refused(FraexpError, "levels", "noise"):
         levels_info([shown()])
@@ -72,7 +73,7 @@ def test_only_what_is_known_is_drawn() -> None:
 @pytest.mark.parametrize("count", [1, 12])
 def test_each_response_has_a_panel_on_shared_axes(count: int) -> None:
     curves = [shown(f"case {index}", deviation=np.full(3, 1e-5)) for index in range(count)]
-    figure = draw_levels(levels_info(curves, "Title"))
+    figure = draw_panels(levels_info(curves, "Title"))
     drawn = [axes for axes in figure.axes if axes.get_visible()]
     assert len(drawn) == count
     assert len({axes.get_ylim() for axes in drawn}) == 1

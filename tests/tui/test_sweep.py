@@ -95,7 +95,7 @@ def test_a_sweep_of_a_plugin_that_has_changed_or_gone_says_so(workspace, keys, r
     from dataclasses import replace
 
     from fraexp.store import ComponentOrigin
-    from fraexp.views.origin import source_states
+    from fraexp.tui.screens.sweep_page import source_states
 
     with Store.open(str(workspace / "results.db"), read_only=True) as store:
         sweep = store.find(keys[0])

@@ -96,11 +96,8 @@ def over_frequency(title: str, *panels: Panel) -> PanelFigure:
     return PanelFigure((PanelFamily("Frequency [Hz]", panels, is_log=True, span=span),), title)
 
 
-def draw_panels(info: PanelFigure, styles: Mapping[str, LineStyle] | None = None) -> "Figure":
-    """Draw a panel for each ordinate over the abscissa of its family; families follow below each other.
-
-    `styles` are those of the groups of lines, by default those of their places.
-    """
+def draw_panels(info: PanelFigure) -> "Figure":
+    """Draw a panel for each ordinate over the abscissa of its family; families follow below each other."""
     places, heights = info.places, [panel.height for panel in info.panels]
     below, beside = _shared_axes(info.families)
     is_named = any(family.name not in ("", info.title) for family in info.families)
@@ -108,10 +105,10 @@ def draw_panels(info: PanelFigure, styles: Mapping[str, LineStyle] | None = None
         size, facet_height = (WIDTH, MARGIN + sum(heights)), FACET_MARGIN + FACET_SHARE * sum(heights)
         names = list(dict.fromkeys(place.facet for place in places))
         panels = facet_panels(names, size, heights, facet_height, below=below, beside=beside)
-        chosen = styles or group_styles(places, is_ordered=all(family.name for family in info.families))
+        styles = group_styles(places, is_ordered=all(family.name for family in info.families))
         for name, facet in panels.facets.items():
             for axes, panel in zip(facet, info.panels, strict=True):
-                draw_panel(axes, panel, [line for line in panel.lines if line.place.facet == name], chosen)
+                draw_panel(axes, panel, [line for line in panel.lines if line.place.facet == name], styles)
             for family, first in zip(info.families, dict.fromkeys(below), strict=True):
                 _set_abscissa(facet[first : first + len(family.panels)], family, is_named and len(panels.facets) == 1)
         for axes, panel in zip(panels.first, info.panels, strict=True):

@@ -6,7 +6,7 @@ from pathlib import Path
 from fraexp.data.identity import key_of
 from fraexp.errors import FraexpError
 
-DRAWING_VERSION = 14
+DRAWING_VERSION = 15
 """Version of the drawing code: it is raised whenever the same numbers are drawn differently."""
 SUFFIXES = (".png", ".svg", ".pdf")
 FILE_ENDINGS = {".png": b"IEND\xaeB`\x82", ".svg": b"</svg>", ".pdf": b"%%EOF"}

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,15 +10,10 @@ from numpy.typing import NDArray
 from fraexp.analysis.confidence import confidence_limits
 from fraexp.data.results import FrequencyResponse
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.facets import group_styles
 from fraexp.figures.elements.grouping import OWN_PLACE, CurvePlace, ShownResult, curve_places
-from fraexp.figures.elements.panel_figure import PanelFigure, draw_panels, over_frequency
+from fraexp.figures.elements.panel_figure import PanelFigure, over_frequency
 from fraexp.figures.elements.scales import continuous_phase, decibel, degree_limits, degrees
 from fraexp.figures.kinds.plant_errors import ErrorCurve, error_panels
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 FREQUENCY_TOLERANCE = 1e-9
 """Relative distance up to which two frequencies are the same."""
@@ -135,8 +130,6 @@ class DifferenceInfo:
     left_out: tuple[str, ...]
     """Names of responses without a common frequency."""
     title: str
-    place: CurvePlace = OWN_PLACE
-    """Where the first response belongs, which keeps its colour for itself."""
 
 
 def difference_info(shown: Sequence[ShownResult], title: str = "") -> DifferenceInfo:
@@ -156,7 +149,7 @@ def difference_info(shown: Sequence[ShownResult], title: str = "") -> Difference
     if not known:
         raise FraexpError(f"difference: no other response shares settled frequencies with the first, {first.label}")
     left_out = tuple(label for label, curve in curves if curve is None)
-    return DifferenceInfo(known, first.label, left_out, title or f"Difference from {first.label}", places[0])
+    return DifferenceInfo(known, first.label, left_out, title or f"Difference from {first.label}")
 
 
 def difference_curve(
@@ -237,9 +230,3 @@ def _combined_limits(of: NDArray[np.float64], to: NDArray[np.float64]) -> NDArra
 def difference_figure(info: DifferenceInfo) -> PanelFigure:
     """Return the differences of magnitude and phase over frequency."""
     return over_frequency(info.title, *error_panels(info.curves, "difference"))
-
-
-def draw_difference(info: DifferenceInfo) -> "Figure":
-    """Draw the differences; the first response keeps its colour for itself."""
-    figure = difference_figure(info)
-    return draw_panels(figure, group_styles([info.place, *figure.places]))

@@ -1,21 +1,16 @@
 """Levels of a response and of its disturbances: noise, and stochastic nonlinear distortions."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.data.results import PARITIES, FrequencyResponse, Result
 from fraexp.errors import FraexpError
-from fraexp.figures.elements import canvas
 from fraexp.figures.elements.frequency_lines import GroupedLine
 from fraexp.figures.elements.grouping import CurvePlace, ShownResult
-from fraexp.figures.elements.panel_figure import Panel, PanelFigure, draw_panels, over_frequency
+from fraexp.figures.elements.panel_figure import Panel, PanelFigure, over_frequency
 from fraexp.figures.elements.scales import decibel, readable_unit
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 MAX_PANELS = 12
 """Maximum number of panels in a figure."""
@@ -81,11 +76,3 @@ def _level_lines(facet: str, result: Result, factor: float) -> list[GroupedLine]
 
 def _standard_deviation(variance: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
     return None if variance is None else np.sqrt(np.maximum(variance, 0))
-
-
-def draw_levels(info: PanelFigure) -> "Figure":
-    """Draw a panel for each response, in which each quantity has the same style."""
-    styles = canvas.line_styles(len(QUANTITIES) - 1)
-    return draw_panels(
-        info, dict(zip(QUANTITIES, (*styles[:4], *styles[3:]), strict=True))
-    )  # nonlinear, or odd and even

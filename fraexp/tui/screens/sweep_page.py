@@ -27,7 +27,7 @@ from fraexp.tui.widgets.paged_table import PointsTable
 from fraexp.tui.widgets.preview_plot import PreviewPlot
 from fraexp.tui.widgets.tagging import TaggingPage
 from fraexp.tui.widgets.text_section import READING_TEXT, TextSection
-from fraexp.views.fields import remedy_text, sweep_labels
+from fraexp.views.fields import remedy_text, run_fields, sweep_labels
 from fraexp.views.listing import state_text
 from fraexp.views.resolved_parameters import ResolvedParameter, resolved_parameters
 from fraexp.views.words import duration_text, short_key, timestamp_text
@@ -128,8 +128,6 @@ plugins that computed the sweep have changed since.
         await self._show_parameters(found)
 
     def _read(self, store: Store) -> SweepDetails:
-        from fraexp.views.origin import computing_and_latest_run
-
         sweep, before = store.find(self.key), self._found
         if before and before.sweep == sweep:
             return before  # nothing visible has changed
@@ -185,8 +183,6 @@ plugins that computed the sweep have changed since.
         table.show_points(columns, rows)
 
     async def _show_parameters(self, found: SweepDetails) -> None:
-        from fraexp.views.origin import provenance_fields, source_states
-
         sweep = found.sweep
         rows, sources = await self.wait_for(
             self.app.backend.work(
@@ -335,3 +331,44 @@ def _table(titles: Sequence[str] | None, rows: Sequence[Sequence[str]], bold: in
     for row in rows:
         table.add_row(*(Text(printable(cell)) for cell in row))
     return table
+
+
+@dataclass(frozen=True)
+class SourceState:
+    """The file that defined a component when a sweep was computed."""
+
+    component: str
+    distribution: str
+    source_hash: str
+    status: str
+    """Whether the source is the same now, in words."""
+
+
+def computing_and_latest_run(store: Store, sweep: StoredSweep) -> tuple[RunSummary | None, RunSummary | None]:
+    """Return the run that computed a sweep, None if it was deleted, and the latest run that has the sweep."""
+    latest = store.find_all([sweep.key]).get(sweep.key)
+    newest = store.run(latest.run) if latest and latest.run is not None else None
+    if sweep.created is None:
+        return None, newest
+    for run in store.runs():
+        during = run.started <= sweep.created and (run.ended is None or sweep.created <= run.ended)
+        if during and store.page(f"key={sweep.key} state=computed", limit=1, run=run.number).total:
+            return run, newest
+    return None, newest
+
+
+def provenance_fields(run: RunSummary) -> list[tuple[str, str]]:
+    """Return names and values of the run that computed a sweep."""
+    return [pair for pair in run_fields(run) if pair[0] not in ("sweeps", "took")]
+
+
+def source_states(sweep: StoredSweep, registry: Registry) -> list[SourceState]:
+    """Return the sources of a sweep's components, and whether they have changed since."""
+    found = []
+    for name, supplied in sweep.sources.items():
+        kind, _, own = name.partition(":")
+        provider = registry.providers.get((kind, own))
+        same = provider is not None and provider.source_hash == supplied.source_hash
+        now = "gone" if provider is None else "unchanged" if same else "changed since; --rerun stale computes it again"
+        found.append(SourceState(name, supplied.distribution, supplied.source_hash[:12], now))
+    return found
