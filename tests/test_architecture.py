@@ -94,7 +94,7 @@ def test_the_command_line_loads_nothing_heavy_before_it_is_needed() -> None:
 def test_faces_reach_database_and_plugins_through_the_workspace_alone() -> None:
     files = [file for face in FACES for file in (ROOT / "fraexp" / face).rglob("*.py")]
     assert len(files) > 50
-    for file in files:
+    for file in (each for each in files if re.search("Store|discover", each.read_text("utf-8"))):
         called = [ast.unparse(node.func) for node in ast.walk(syntax_tree(file)) if isinstance(node, ast.Call)]
         assert [name for name in called if "Store" in name.split(".") or name.endswith("discover")] == [], file
 
