@@ -1,4 +1,3 @@
-import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -15,12 +14,12 @@ from fraexp.data.results import Curve, FrequencyResponse, Metric, Outcome, Resul
 from fraexp.data.sweep import Sweep
 from fraexp.store import ComponentOrigin, Store
 from fraexp.store.backends import locate_database
+from tests.forks import ForkedPython
 from tests.postgresql import Server, running
 from tests.responses import frequency_response
 from tests.store.resealing import seal_database
 from tests.waiting import HANG_TIMEOUT_S
 
-ROOT = Path(__file__).parents[2]
 KINDS = ["sqlite", pytest.param("postgresql", marks=pytest.mark.thorough)]
 """Kinds of database; what holds for a file must hold on a server, which the whole suite checks."""
 ORIGIN = {
@@ -148,9 +147,8 @@ def program() -> Callable[..., Any]:
     @contextmanager
     def started(code: str, *arguments: Any) -> Iterator[subprocess.Popen[str]]:
         command = [sys.executable, "-c", code, *map(str, arguments)]
-        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-        with subprocess.Popen(command, env=environment, **pipes) as process:
+        with ForkedPython(command, **pipes) as process:
             try:
                 assert process.stdout is not None
                 assert process.stdout.readline() == "ready\n"

@@ -1,12 +1,10 @@
-import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from fraexp.store import Store
+from tests.forks import ForkedPython
 
-ROOT = Path(__file__).parents[2]
 MAKES = """
 import sys
 from sqlalchemy import event
@@ -47,7 +45,7 @@ def test_several_processes_may_make_the_database_at_once(url):
         "import sys; from fraexp.store import Store; Store.open(sys.argv[1], create=True).begin_run('', '', '', {}, [])"
     )
     command = [sys.executable, "-c", code, url]
-    racers = [subprocess.Popen(command, cwd=ROOT) for _ in range(2)]
+    racers = [ForkedPython(command) for _ in range(2)]
     assert [racer.wait() for racer in racers] == [0, 0]
     with Store.open(url) as store:
         assert [run.number for run in store.runs()] == [2, 1]
