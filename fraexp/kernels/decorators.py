@@ -24,8 +24,8 @@ but gives an infinity, as in numpy."""
 
 
 def compiled(**options: Any) -> Callable[[Function], Function]:
-    """Return the decorator of a function that only compiled code calls; the options are those of `numba.njit`."""
-    decorator: Callable[[Function], Function] = numba.njit(**options)
+    """Return the decorator, with options of `numba.njit`, of a function that compiled code calls, and Python cannot."""
+    decorator: Callable[[Function], Function] = numba.njit(**(options | {"no_cpython_wrapper": True}))
     return decorator
 
 

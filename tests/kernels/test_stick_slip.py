@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from numba import njit
 
 from fraexp.kernels.decorators import compiled
 from fraexp.kernels.stick_slip import (
@@ -25,7 +26,8 @@ def dry(contact, z, dy, dt, z_next, limits):
 
 @cache
 def compiled_step(contacts):
-    return make_stick_slip(dry, (True,) * contacts)
+    step = make_stick_slip(dry, (True,) * contacts)
+    return njit(lambda arguments: step(arguments))  # noqa: PLW0108 - Python cannot call the step itself
 
 
 def kernel_step(compliance, limits, before, free):
