@@ -139,7 +139,7 @@ def test_with_what_running_needs_everything_runs_without_a_warning(lean: Path, t
         "-W",
         "error",
         "-c",
-        "import fraexp.testing.check_report, fraexp.tui.app",
+        "import fraexp.testing.check_report, fraexp.tui.app, fraexp.tui.services.browser_server",
         cwd=tmp_path,
     )
 

@@ -454,5 +454,16 @@ COMMANDS = {
         _option("copy COPY", "database file to copy; it is checked before"),
     ),
     "tui": _command("tui", "start the terminal UI: launch, watch and compare studies"),
+    "serve": _command(
+        "tui:serve",
+        "serve the terminal UI to a web browser",
+        _option("--port PORT", "port (default: 8000)", type=int, default=8000),
+        _option(
+            "--host ADDRESS",
+            "address to listen on; one for other machines requires --token (default: this machine only)",
+            default="127.0.0.1",
+        ),
+        _option("--token TEXT", "token that the browser must present (default: a random one)", default=""),
+    ),
     "doctor": _command("doctor", "check the installation, the database, the plugins and the numerics", JSON),
 }

@@ -333,7 +333,7 @@ def end_with_terminal() -> None:
     """
     stream = sys.__stdin__
     if stream is None or not stream.isatty():
-        return
+        return  # a session in a browser, which the server ends
     file, pause = stream.fileno(), threading.Event()
 
     def watch() -> None:
