@@ -334,7 +334,10 @@ def interrupted_after(writes: int, call: Callable[[], object]) -> None:
 
 
 @pytest.mark.thorough
-def test_after_kill_9_the_machine_stops_and_the_measurement_goes_on(workspace: WorkspaceService) -> None:
+def test_after_kill_9_the_machine_stops_and_the_measurement_goes_on(
+    workspace: WorkspaceService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.undo()  # here machine and measurement are processes of their own, one of which is killed
     log = workspace.folder / "machine.log"
     machine = f'measurement.machine={{name="simulated", speed=1.0, watchdog=2.0, log="{log}"}}'
     command = [sys.executable, "-m", "fraexp", "measure", "axis", "--set", machine]
