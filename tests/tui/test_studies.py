@@ -78,6 +78,13 @@ def test_the_filter_says_when_nothing_is_left_and_esc_takes_it_away(workspace):
     pilot_of(workspace, steps)
 
 
+@pytest.mark.parametrize(("visual", "editor", "command"), [("code -w", "vi", "code -w"), (" ", "vi", "vi")])
+def test_the_editor_is_the_users(monkeypatch, visual, editor, command):
+    monkeypatch.setenv("VISUAL", visual)
+    monkeypatch.setenv("EDITOR", editor)
+    assert studies_page.editor_command() == command
+
+
 @pytest.mark.thorough
 def test_a_study_that_is_added_is_noticed_copied_and_edited(workspace, tmp_path, monkeypatch):
     editor = tmp_path / "editor.py"
@@ -99,6 +106,9 @@ def test_a_study_that_is_added_is_noticed_copied_and_edited(workspace, tmp_path,
         assert (workspace / "studies" / "my_added.toml").read_text() == "x =\n"
         await pilot.press("slash", *"my_added", "enter")
         await shows(pilot, "✗ broken", "valid TOML")
+        monkeypatch.setenv("VISUAL", "vi '")
+        await pilot.press("e")
+        await shows(pilot, "No closing quotation")
         await pilot.press("escape", "slash", *"paper/fig12", "enter")
         await until(pilot, lambda: page.item and page.item.name == "paper/fig12")
         await pilot.press("e")

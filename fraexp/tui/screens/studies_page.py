@@ -235,7 +235,7 @@ m measures it on its machine: first the plan, then a question; while a machine i
         try:
             with self.app.suspend():
                 subprocess.run([*shlex.split(editor_command()), str(file)], check=False)
-        except (OSError, SuspendNotSupported) as error:
+        except (OSError, ValueError, SuspendNotSupported) as error:  # a ValueError is a quote that is not closed
             refused = f"{editor_command()}: {error}; name another editor in the variable EDITOR"
             self.app.notify(refused, title="not edited", severity="error")
         self.reload()
@@ -259,7 +259,8 @@ m measures it on its machine: first the plan, then a question; while a machine i
 def editor_command() -> str:
     """Return the command of the user's editor."""
     default = "notepad" if os.name == "nt" else "nano" if shutil.which("nano") else "vi"
-    return os.environ.get("VISUAL") or os.environ.get("EDITOR") or default
+    stated = (os.environ.get(name, "").strip() for name in ("VISUAL", "EDITOR"))
+    return next(filter(None, stated), default)
 
 
 def copy_fault(folder: Path, name: str) -> str:

@@ -10,7 +10,7 @@ distribution. Where no harmonic tells anything, the posterior is the prior.
 """
 
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import lru_cache
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -272,7 +272,8 @@ class _Harmonics:
 
     def __init__(self, record: SineRecord, force_terms: ForceTerms, stiffness: Stiffness, count: int) -> None:
         self.response = record.response
-        self.force_terms = cache(lambda errors: force_terms(np.array(errors)))  # the search returns to the same errors
+        # The search returns to errors that it has just tried.
+        self.force_terms = lru_cache(lambda errors: force_terms(np.array(errors)))
         highest = float(record.response.frequency.max())
         output = record.estimator.output
         self.orders = [_examined_orders(segment, output, highest) for segment in record.segments]
