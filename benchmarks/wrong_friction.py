@@ -16,7 +16,7 @@ from friction_bands import within_limits
 from harness import Bench, run
 from paper_machine import PAPER, REGISTRY, decibel, machine_of, response_of, simulated
 
-from fraexp.analysis.band_reach import BandReach
+from fraexp.analysis.confidence import BandReach
 from fraexp.components.kinds import Estimator
 from fraexp.components.registry import create
 from fraexp.data.results import FrequencyResponse

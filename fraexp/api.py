@@ -1,8 +1,7 @@
 """The one module that a plugin imports."""
 
 from fraexp.analysis.array_cache import cached_arrays
-from fraexp.analysis.band_reach import BandReach
-from fraexp.analysis.confidence import NORMAL_QUANTILE, circle_factor, degrees_of_freedom, interval_factor
+from fraexp.analysis.confidence import NORMAL_QUANTILE, BandReach, circle_factor, degrees_of_freedom, interval_factor
 from fraexp.analysis.delays import hold_response, image_factor, path_response
 from fraexp.analysis.fourier import fourier_sums, phasors, record_spectrum
 from fraexp.analysis.quantisation import grid_step, phasor_variance, rounding_symmetry

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import sys
 from collections.abc import Generator
 from functools import cache
 from pathlib import Path
@@ -12,6 +13,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import pytest
 from hypothesis import settings
 
+from fraexp.components import registry as plugins
 from fraexp.components.registry import Registry, discover
 from fraexp.execution import provenance
 from tests.examples import QUICK, THOROUGH
@@ -49,6 +51,10 @@ os.environ.setdefault("FRAEXP_CACHE_DIR", str(Path(__file__).parents[1] / ".pyte
 
 # Each run asks git for the state of the code, which is the same for all tests.
 provenance._git_state = cache(provenance._git_state)
+
+# Each look for plugins reads what all installed packages say of themselves.
+entries = cache(lambda group, path, read=plugins.entry_points: read(group=group))
+plugins.entry_points = lambda group: entries(group, tuple(sys.path))
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,6 @@ from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number, workspace_fo
 from fraexp.components.registry import Registry
 from fraexp.data.frequency_text import frequency_text
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.label_units import label_units
 from fraexp.figures.elements.labels import curve_names
 from fraexp.figures.kinds.difference import Difference
 from fraexp.figures.kinds.plant_errors import (
@@ -24,6 +23,7 @@ from fraexp.figures.kinds.plant_errors import (
 )
 from fraexp.figures.result_files import json_value
 from fraexp.store import StoredSweep, leave_out_damaged
+from fraexp.study.paths import label_units
 from fraexp.views.comparison import (
     difference_rows,
     differences_from_first,

@@ -332,7 +332,7 @@ COMMANDS = {
         FORCE,
     ),
     "import": _command(
-        "import_record",
+        "records:import_record",
         "analyse a measured record, or list its contents",
         _option(
             "files FILE",
@@ -360,7 +360,7 @@ COMMANDS = {
         JSON,
     ),
     "identify": _command(
-        "identify",
+        "records:identify",
         "find plant and friction in records of one machine, at one amplitude or several",
         _option("files FILE", RECORD_FILES, type=Path, nargs="+"),
         CHANNEL,

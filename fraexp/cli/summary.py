@@ -12,9 +12,9 @@ from fraexp.components.registry import Registry
 from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import DRAW, Plain
 from fraexp.figures.elements.grouping import group_sweeps, point_indices
-from fraexp.figures.elements.label_units import label_units
 from fraexp.figures.elements.labels import MAX_GROUPS, label_columns, label_texts
 from fraexp.store import StoredSweep
+from fraexp.study.paths import label_units
 from fraexp.views.fields import outcome_text
 from fraexp.views.text_tables import SweepNumbers, label_values, magnitudes, metric_quantities, sweep_table
 from fraexp.views.words import plural, short_key

@@ -9,7 +9,7 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from importlib.metadata import entry_points
 from inspect import cleandoc
 from pathlib import Path
@@ -73,8 +73,14 @@ def component_modules(package: str, folders: Iterable[str]) -> dict[str, list[st
         parts = file.relative_to(folder).with_suffix("").parts
         inner = parts[:-1] if parts[-1] == "__init__" else parts
         if inner and not any(part.startswith("_") for part in inner):
-            modules[".".join((package, *inner))] = DEFINITION.findall(file.read_text(encoding="utf-8"))
+            modules[".".join((package, *inner))] = _defined_names(file, file.stat().st_mtime_ns)
     return modules
+
+
+@cache
+def _defined_names(file: Path, changed: int) -> list[str]:
+    """Return the names that a file's text defined when it was last changed [ns]."""
+    return DEFINITION.findall(file.read_text(encoding="utf-8"))
 
 
 class Providers(Mapping[Key, Provider]):
@@ -476,5 +482,5 @@ class _Classes:
 
 def components_in(module: ModuleType) -> list[type[Component]]:
     """Return the named component classes that a module defines (not those it imports)."""
-    members = [cls for _, cls in inspect.getmembers(module, inspect.isclass) if issubclass(cls, Component)]
-    return [cls for cls in members if cls.name and cls.__module__ == module.__name__]
+    classes = [cls for cls in vars(module).values() if inspect.isclass(cls) and cls.__module__ == module.__name__]
+    return sorted((cls for cls in classes if issubclass(cls, Component) and cls.name), key=lambda cls: cls.__name__)

@@ -1,7 +1,7 @@
 """Units as people write them, turned into the SI numbers that everything inside uses."""
 
 import re
-from functools import cache
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any
 
 from fraexp.errors import ParameterError
@@ -136,6 +136,7 @@ def _length(name: str) -> str:
     return {"in": "inch", "ft": "foot"}[name]
 
 
+@lru_cache
 def _quantity(unit: str) -> Any:
     written = _spell_torque(COUNTED.sub(r"\1", SPELLINGS.get(unit, unit)))
     written = PLAIN_POWER.sub(r"**\1", written)

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.analysis.band_reach import BandReach
-from fraexp.analysis.confidence import degrees_of_freedom
+from fraexp.analysis.confidence import BandReach, degrees_of_freedom
 from fraexp.components.kinds import Estimator
 from fraexp.data.findings import Finding, Quantity
 from fraexp.data.results import FrequencyResponse, Outcome, Result

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, SupportsIndex, overload
 from fraexp.data.figure_kinds import check_kind
 from fraexp.data.results import Result
 from fraexp.errors import ParameterError, StudyError
-from fraexp.figures.elements.label_units import label_units
 from fraexp.figures.elements.labels import drawn_labels, label_columns
 from fraexp.interface.argument_checks import frequency_view, require_text
 from fraexp.interface.datasets import import_optional, label_values, place_drawn_values, stack_datasets
 from fraexp.interface.html import page_part
 from fraexp.interface.sweep_results import SweepResult
 from fraexp.store import RunSummary, StoredSweep, mark_damaged
+from fraexp.study.paths import label_units
 from fraexp.views.text_tables import TextTable, sweep_table
 from fraexp.views.words import plural, value_text
 

@@ -13,7 +13,6 @@ from fraexp.data.figure_kinds import AGAINST_PLANT, OF_METRICS
 from fraexp.data.results import FrequencyResponse, Result
 from fraexp.errors import FraexpError, PluginError, StoreError
 from fraexp.figures.elements.grouping import ShownResult, group_sweeps
-from fraexp.figures.elements.label_units import label_units
 from fraexp.figures.elements.labels import curve_names, describe_draws
 from fraexp.figures.elements.scales import PLANT_UNITS
 from fraexp.figures.elements.stamp import is_current, stamp_digest
@@ -21,6 +20,7 @@ from fraexp.figures.elements.view import FULL_VIEW, View
 from fraexp.figures.kinds.bode import Reference
 from fraexp.simulation.machine import reference_response
 from fraexp.store import Store, StoredSweep, leave_out_damaged
+from fraexp.study.paths import label_units
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

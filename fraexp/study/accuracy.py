@@ -2,7 +2,7 @@
 
 import math
 
-from fraexp.analysis.band_reach import USUAL_MAGNITUDE, USUAL_PHASE
+from fraexp.analysis.confidence import USUAL_MAGNITUDE, USUAL_PHASE
 from fraexp.components.parameters import Parameters, param
 
 

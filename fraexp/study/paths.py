@@ -1,7 +1,7 @@
 """Dotted paths into the sections of an experiment, such as ``plant.frequencies.0``: what is there, its unit, a copy."""
 
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
@@ -11,7 +11,7 @@ from fraexp.components.parameters import Parameters, unit_of
 from fraexp.components.position_dependence import positioned_class
 from fraexp.components.registry import Registry
 from fraexp.data.rotary_axes import is_rotary
-from fraexp.data.sweep import components_by_port
+from fraexp.data.sweep import Plain, components_by_port
 from fraexp.errors import StudyError, did_you_mean
 from fraexp.simulation.experiments import Compensation
 from fraexp.simulation.machine import ControlLoop, Numerics
@@ -63,6 +63,16 @@ def unit_at(sections: Mapping[str, Any], path: str, registry: Registry) -> str:
     """Return the unit that is declared for what is at a path; empty where there is none, or nothing."""
     info = declared_at(sections, path, registry)
     return unit_of(info, rotary=is_rotary(sections)) if info else ""
+
+
+def label_units(sweeps: Iterable[tuple[Plain, Plain]], registry: Registry) -> dict[str, str]:
+    """Return the unit of each label, such as ``excitation.amplitude``, that has one.
+
+    Each sweep is given by its labels and its sections: its experiment, and its estimator under ``estimator``.
+    """
+    having = {path: sections for labels, sections in sweeps for path in labels}
+    units = {path: unit_at(sections, path, registry) for path, sections in having.items()}
+    return {path: unit for path, unit in units.items() if unit not in ("", "1")}
 
 
 def declared_at(sections: Mapping[str, Any], path: str, registry: Registry) -> FieldInfo | None:

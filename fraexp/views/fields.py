@@ -101,7 +101,7 @@ def sweep_fields(sweep: StoredSweep, registry: "Registry | None" = None) -> list
 
 def sweep_units(sweeps: Sequence[StoredSweep], registry: "Registry") -> dict[str, str]:
     """Return the units of labels by path, which the components declare."""
-    from fraexp.figures.elements.label_units import label_units  # it imports what reads studies: not for a list of runs
+    from fraexp.study.paths import label_units  # it imports what reads studies: not for a list of runs
 
     return label_units(((sweep.labels, sweep.sections) for sweep in sweeps), registry)
 

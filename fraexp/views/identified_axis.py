@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fraexp.analysis.band_reach import BandReach
-from fraexp.analysis.confidence import NORMAL_QUANTILE
+from fraexp.analysis.confidence import NORMAL_QUANTILE, BandReach
 from fraexp.data.frequency_text import frequency_text
 from fraexp.data.results import EXTREMUM_CURVES, Curve, Fit, Outcome, Result
 from fraexp.records.first_look import Choice, RecordLook

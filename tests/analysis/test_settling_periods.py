@@ -7,7 +7,7 @@ import pytest
 from fraexp_plugins.estimators.conventional import Conventional
 from numpy.typing import NDArray
 
-from fraexp.analysis.band_reach import BandReach
+from fraexp.analysis.confidence import BandReach
 from fraexp.data.results import Outcome, Result
 from fraexp.data.signals import Segment, Signals
 from tests.responses import judged

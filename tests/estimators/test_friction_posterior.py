@@ -8,8 +8,7 @@ from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.lugre import LuGre
 from scipy import stats
 
-from fraexp.analysis.band_reach import USUAL_MAGNITUDE, BandReach
-from fraexp.analysis.confidence import confidence_limits
+from fraexp.analysis.confidence import USUAL_MAGNITUDE, BandReach, confidence_limits
 from fraexp.data.results import Outcome
 from tests.examples import thorough
 from tests.machines import TABLE, decibel, guide, simulated

@@ -9,8 +9,7 @@ import pytest
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 
-from fraexp.analysis.band_reach import BandReach
-from fraexp.analysis.confidence import circle_factor, confidence_limits
+from fraexp.analysis.confidence import BandReach, circle_factor, confidence_limits
 from fraexp.components.kinds import Plant
 from fraexp.components.registry import Registry, create
 from fraexp.data.results import FrequencyResponse, Outcome

@@ -15,7 +15,7 @@ from fraexp_plugins.friction.composite import Composite
 from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.friction.none import Frictionless
 
-from fraexp.analysis.band_reach import BandReach
+from fraexp.analysis.confidence import BandReach
 from fraexp.data.results import Outcome
 from fraexp.data.signals import Signals
 from tests.examples import some, thorough

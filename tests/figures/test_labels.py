@@ -1,6 +1,6 @@
 from fraexp.components.registry import Registry
-from fraexp.figures.elements.label_units import label_units
 from fraexp.figures.elements.labels import curve_names, drawable, label_text, label_texts
+from fraexp.study.paths import label_units
 
 
 def test_figures_show_names_as_words_and_symbols_as_they_are() -> None:

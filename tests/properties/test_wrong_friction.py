@@ -7,8 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.signal import resample
 
-from fraexp.analysis.band_reach import USUAL_MAGNITUDE
-from fraexp.analysis.confidence import confidence_limits
+from fraexp.analysis.confidence import USUAL_MAGNITUDE, confidence_limits
 from fraexp.analysis.fourier import phasors
 from fraexp.components.kinds import Plant
 from fraexp.data.results import FrequencyResponse

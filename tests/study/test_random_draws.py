@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.label_units import label_units
+from fraexp.study.paths import label_units
 from fraexp.study.random_draws import Draw
 from fraexp.study.study_file import load
 from tests.refusals import refused
