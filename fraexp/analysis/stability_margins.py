@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 REFINEMENT = 16
 """Points of the spline per line of the response."""
@@ -91,6 +90,8 @@ def _figures(loop: LoopResponse) -> list[LoopFigure]:
 
 def _refine(loop: LoopResponse) -> LoopResponse:
     """Return the loop at more frequencies, by a spline; the lines are among them."""
+    from scipy.interpolate import CubicSpline  # half a second, and only a loop with its controller needs it
+
     place = np.arange(loop.frequency.size)
     between = np.linspace(0, place[-1], REFINEMENT * place[-1] + 1)
     x = np.log(loop.frequency)

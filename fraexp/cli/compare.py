@@ -13,10 +13,10 @@ from fraexp.components.registry import Registry
 from fraexp.data.frequency_text import frequency_text
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.labels import curve_names
-from fraexp.figures.kinds.difference import Difference
-from fraexp.figures.kinds.plant_errors import (
+from fraexp.figures.kinds.response_errors import (
     FREQUENCY_FACTOR,
     TABLE_FREQUENCIES_HZ,
+    Difference,
     ErrorCurve,
     ErrorsInfo,
     errors_info,

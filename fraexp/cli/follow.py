@@ -287,7 +287,7 @@ def _print_errors(sweeps: list[StoredSweep], results: dict[str, Result], workspa
     if not any("case" in of for of in labels):
         return
     from fraexp.cli.compare import print_errors
-    from fraexp.figures.kinds.plant_errors import errors_info
+    from fraexp.figures.kinds.response_errors import errors_info
 
     comparable = [of for of in workspace.figures.shown_results(sweeps, results) if of.truth is not None]
     if len(comparable) > 1:

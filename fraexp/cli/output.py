@@ -5,7 +5,7 @@ import re
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal, TextIO
 
@@ -30,28 +30,17 @@ def fit_lines(text: str, stream: TextIO, indent: str = "") -> str:
 
 def _fit_line(line: str, width: int, indent: str) -> Iterator[str]:
     from rich.cells import cell_len
+    from rich.console import Console
+    from rich.text import Text
 
     if cell_len(line) <= width:
         yield line
         return
     indent = indent if len(indent) + MIN_TEXT_CELLS <= width else ""
     begin = line[: len(line) - len(line.lstrip())][: max(width - MIN_TEXT_CELLS, 0)]
-    so_far, is_empty = begin, True
-    for piece in _pieces(line.split(), width - max(len(indent), len(begin))):
-        candidate = f"{so_far}{piece}" if is_empty else f"{so_far} {piece}"
-        if not is_empty and cell_len(candidate) > width:
-            yield so_far
-            candidate = f"{indent}{piece}"
-        so_far, is_empty = candidate, False
-    yield so_far
-
-
-def _pieces(words: list[str], width: int) -> Iterator[str]:
-    """Yield words, those that are wider than a line in pieces."""
-    from rich.cells import cell_len, chop_cells
-
-    for word in words:
-        yield from chop_cells(word, width) if cell_len(word) > width else [word]
+    for part in Text(line.strip()).wrap(Console(), width - max(len(indent), len(begin))):
+        yield f"{begin}{part.plain.rstrip()}"
+        begin = indent
 
 
 COLUMN_GAP = 2
@@ -164,40 +153,26 @@ def _cut_middle(text: str, longest: int) -> str:
     return f"{text[:head]}{ELLIPSIS}{text[len(ELLIPSIS) + head - longest :]}"
 
 
-class ErrorDocument:
-    """Reports the error of a command: a line on stderr, and under ``--json`` a document on stdout."""
-
-    def __init__(self) -> None:
-        self.is_printed = False
-        """Whether the command has printed a document already: there is never a second one."""
-
-    def report(self, text: str, code: int, as_json: bool) -> int:
-        """Print an error, and return its exit code."""
-        say(text)
-        if as_json and not self.is_printed:
-            message = shorten(printable(text.removeprefix("fraexp: ")))
-            print_json({"error": {"message": message, "exit_code": int(code)}})
-        return code
+_documents: list[object] = []
+"""What the command has printed as JSON: an error adds no second document."""
 
 
-_documents: list[ErrorDocument] = []
-"""Of the commands in progress: one, except in tests."""
+def forget_documents() -> None:
+    """Begin with another command."""
+    _documents.clear()
 
 
-@contextmanager
-def error_document() -> Iterator[ErrorDocument]:
-    """Return the document of errors of a command."""
-    _documents.append(document := ErrorDocument())
-    try:
-        yield document
-    finally:
-        _documents.remove(document)
+def report_error(text: str, code: int, as_json: bool) -> int:
+    """Print the error of a command on stderr, `as_json` also as a document on stdout, and return its exit code."""
+    say(text)
+    if as_json and not _documents:
+        print_json({"error": {"message": shorten(printable(text.removeprefix("fraexp: "))), "exit_code": int(code)}})
+    return code
 
 
 def print_json(document: object) -> None:
     """Print one JSON document on stdout."""
-    for errors in _documents:
-        errors.is_printed = True
+    _documents.append(document)
     print(json.dumps(document, indent=2, allow_nan=False))
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fraexp.cli.output import print_fields, print_line, print_table, say
+from fraexp.cli.output import print_fields, print_line, print_table
 from fraexp.components.registry import Registry
 from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import DRAW, Plain
@@ -17,7 +17,7 @@ from fraexp.store import StoredSweep
 from fraexp.study.paths import label_units
 from fraexp.views.fields import outcome_text
 from fraexp.views.text_tables import SweepNumbers, label_values, magnitudes, metric_quantities, sweep_table
-from fraexp.views.words import plural, short_key
+from fraexp.views.words import plural
 
 MAX_LISTED_SWEEPS = 40
 """Maximum number of sweeps that a terminal lists; more are summarised."""
@@ -25,7 +25,6 @@ ALL_REMEDY = "output that is not a terminal, such as | less, shows all"
 MAX_EXAMPLES = 5
 """Maximum number of sweeps that are not ok shown below a summary."""
 QUANTILE_LEVELS = (0.0, 0.05, 0.5, 0.95, 1.0)
-WORST_COLUMNS = ["worst draw", "group", "value", "draw", "sweep"]
 QUANTILE_COLUMNS = ["over the sweeps", "group", "minimum", "5 %", "median", "95 %", "maximum", "sweeps"]
 
 
@@ -50,11 +49,6 @@ def print_summary(sweeps: Sequence[StoredSweep], results: Mapping[str, Result], 
     rows = quantile_rows(drawn, [""] * len(sweeps), False)
     rows += quantile_rows([_settled_shares(found), *_magnitudes(found), *metrics], groups, sampled)
     print_table(QUANTILE_COLUMNS, rows)  # without columns that are empty
-    worst = worst_rows(metrics, groups, sweeps)
-    if worst:
-        print()
-        print_table(WORST_COLUMNS, worst)
-        say("fraexp show KEY shows the drawn parameters of a sweep")
     odd = [sweep for sweep in sweeps if sweep.outcome != Outcome.OK]
     if odd:
         print()
@@ -108,25 +102,6 @@ def quantile_rows(quantities: Sequence[SweepNumbers], groups: Sequence[str], sam
                 levels = zip(QUANTILE_LEVELS, np.quantile(known, QUANTILE_LEVELS), strict=True)
                 texts = [quantity.text(float(of), 4) if sampled or share in (0, 1) else "" for share, of in levels]
                 rows.append([quantity.title, name, *texts, "" if len(known) == chosen.sum() else str(len(known))])
-    return rows
-
-
-def worst_rows(
-    metrics: Sequence[SweepNumbers], groups: Sequence[str], sweeps: Sequence[StoredSweep]
-) -> list[list[str]]:
-    """Return a row under `WORST` for each metric and group that was drawn at random: its greatest magnitude."""
-    rows = []
-    for metric in metrics:
-        for name in dict.fromkeys(groups):
-            chosen = [
-                index
-                for index, group in enumerate(groups)
-                if group == name and DRAW in sweeps[index].labels and np.isfinite(metric.values[index])
-            ]
-            if len({float(metric.values[index]) for index in chosen}) > 1:
-                at = max(chosen, key=lambda index: abs(metric.values[index]))
-                value, number_ = metric.text(float(metric.values[at]), 4), label_texts([sweeps[at].labels[DRAW]])
-                rows.append([metric.title, name, value, *number_, short_key(sweeps[at].key)])
     return rows
 
 

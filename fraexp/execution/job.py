@@ -17,9 +17,8 @@ from fraexp.data.rotary_axes import are_rotary, as_linear, is_rotary, rotary_res
 from fraexp.data.signals import Signals
 from fraexp.data.sweep import Plain
 from fraexp.errors import FraexpError, PluginError, RecordError
-from fraexp.execution.certificate import certify
 from fraexp.execution.sent_jobs import Failure, Job
-from fraexp.execution.verdict import judge
+from fraexp.execution.verdict import certify, judge
 from fraexp.kernels.announcement import compilation_listener
 from fraexp.kernels.law_error import LawError
 from fraexp.simulation import loop

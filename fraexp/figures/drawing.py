@@ -20,15 +20,18 @@ from fraexp.figures.elements.stamp import check_suffix, stamp_digest
 from fraexp.figures.elements.view import FULL_VIEW, View, break_wrapped_lines, zoom_to_band
 from fraexp.figures.kinds.amplitude_map import amplitude_map_info, draw_amplitude_map, response_map_info
 from fraexp.figures.kinds.bode import Reference, bode_info, draw_bode
-from fraexp.figures.kinds.coherence import coherence_info
-from fraexp.figures.kinds.difference import difference_figure, difference_info
+from fraexp.figures.kinds.curves import (
+    curves_info,
+    draw_hysteresis,
+    hysteresis_info,
+    is_hysteresis,
+    is_positioning,
+    positioning_info,
+)
 from fraexp.figures.kinds.distribution import distribution_info
-from fraexp.figures.kinds.hysteresis_loops import draw_hysteresis, hysteresis_info, is_hysteresis
-from fraexp.figures.kinds.levels import levels_info
 from fraexp.figures.kinds.nyquist import draw_nyquist, nyquist_info
-from fraexp.figures.kinds.other_curves import curves_info
-from fraexp.figures.kinds.plant_errors import errors_figure, errors_info
-from fraexp.figures.kinds.positioning_moves import is_positioning, positioning_info
+from fraexp.figures.kinds.response_errors import difference_figure, difference_info, errors_figure, errors_info
+from fraexp.figures.kinds.response_quality import coherence_info, levels_info
 
 FACET_KINDS = ("hysteresis", "positioning", "curves", "errors", "difference", "coherence", "nyquist")
 """Kinds of figures that have facets but no map."""

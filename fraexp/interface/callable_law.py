@@ -144,7 +144,7 @@ class FrictionLaw:
 
     def plot(self, amplitudes: ArrayLike = SHOWN_AMPLITUDES_M, frequency: float | str = 1.0) -> "Figure":
         """Return a matplotlib figure of the hysteresis loops at some amplitudes [m]."""
-        from fraexp.figures.kinds.hysteresis_loops import draw_hysteresis, hysteresis_info
+        from fraexp.figures.kinds.curves import draw_hysteresis, hysteresis_info
 
         curves = []
         for amplitude in np.atleast_1d(numbers_of(amplitudes, "amplitudes", "m")):

@@ -52,9 +52,8 @@ from fraexp.kernels.call_watch import watched_call
 from fraexp.kernels.decorators import COMPILER_OPTIONS, compiled
 from fraexp.kernels.guards import state_count, written_index
 from fraexp.kernels.lane_layout import LaneLayout
-from fraexp.kernels.law import explain_compiler_errors, kernel_source_hash, register_law
+from fraexp.kernels.law import explain_compiler_errors, fingerprint, kernel_source_hash, register_law
 from fraexp.kernels.law_error import LawCallError
-from fraexp.kernels.law_fingerprint import fingerprint
 from fraexp.kernels.loop_laws import Laws, last_call
 from fraexp.kernels.machine_code import compile_kernel, function_address
 from fraexp.kernels.memory_moves import TILE, copy_doubles, store_transposed

@@ -14,7 +14,14 @@ from fraexp.kernels.call_watch import FIRST_BUILT_IN_STEPS, FIRST_CALL_WORK, Cal
 from fraexp.kernels.decorators import compiled
 from fraexp.kernels.guards import GUARD_ROWS, guarded_rows, memory_rows, set_guards, state_half, written_index
 from fraexp.kernels.lane_layout import MOTION_LANES, ONE_MACHINE, LaneLayout
-from fraexp.kernels.law import Law, explain_compiler_errors, is_all_built_in, kernel_source_hash, register_law
+from fraexp.kernels.law import (
+    Law,
+    explain_compiler_errors,
+    fingerprint,
+    is_all_built_in,
+    kernel_source_hash,
+    register_law,
+)
 from fraexp.kernels.law_arguments import (
     ArgumentKinds,
     LawArgument,
@@ -25,7 +32,6 @@ from fraexp.kernels.law_arguments import (
     flatten_arguments,
 )
 from fraexp.kernels.law_error import LawCall, LawCallError, LawError
-from fraexp.kernels.law_fingerprint import fingerprint
 from fraexp.kernels.machine_code import compile_kernel, function_address
 from fraexp.kernels.observed_law import CALL_HALF, CALL_NUMBERS, FRICTION, make_observed, with_record, without_record
 from fraexp.kernels.structs import StructArray, float_array_type, struct_array_type, struct_dtype

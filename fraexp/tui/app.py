@@ -1,11 +1,13 @@
-"""The application: its screens, the keys that work everywhere, and the polling of database and plugins."""
+"""The application: its screens, the queue of keys, those that work everywhere, and the polling of the database."""
 
 import asyncio
 import gc
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterable, Sequence
+import time
+from collections import deque
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
@@ -19,11 +21,12 @@ from textual.css.stylesheet import Stylesheet
 from textual.message import Message
 from textual.notifications import SeverityLevel
 from textual.screen import Screen
+from textual.timer import Timer
+from textual.widgets import Input
 
 from fraexp.data.terminal_text import printable
 from fraexp.errors import FraexpError, did_you_mean
 from fraexp.tui.dialogs import ConfirmDialog
-from fraexp.tui.key_queue import KeyQueue
 from fraexp.tui.page import PLACES, DatabaseChanged, Page, shorten
 from fraexp.tui.services.plugin_watch import PluginsChanged, PluginWatch, reload_plugins
 from fraexp.tui.services.selection import Selection
@@ -48,6 +51,12 @@ STOP_TIMEOUT_S = 10.0
 """Seconds that quitting waits for the machine to come to rest."""
 TERMINAL_POLL_INTERVAL_S, HANGUP_EXIT_CODE = 1.0, 129
 """Seconds between two polls of the terminal, and the exit code of a program that was ended by a hangup."""
+RELEASE_INTERVAL_S = 0.02
+"""Seconds between two attempts to deliver the next key."""
+MAX_WAIT_S = 0.25
+"""Maximum seconds that a key waits for the effect of the previous one, on a screen that is always busy."""
+IMMEDIATE_KEYS = ("ctrl+c", "ctrl+q")
+"""Keys that are never queued."""
 THEME_VARIABLE = "FRAEXP_TUI_THEME"
 """Environment variable with the name of a theme."""
 SCREENS = {
@@ -85,6 +94,58 @@ class KeptStylesheet(Stylesheet):
 
     def reparse(self) -> None:
         self.parse()
+
+
+class KeyQueue:
+    """Delivers keys in order, and not before the screen has loaded.
+
+    A letter goes straight to the focused input; a key with a binding passes through its ancestors first. A letter that
+    followed it at once would overtake it.
+    """
+
+    def __init__(self, app: App[None]) -> None:
+        self._app = app
+        self._held: deque[events.Key] = deque()
+        self._timer: Timer | None = None
+        self._before: events.Key | None = None
+        self._since = 0.0
+
+    def holds(self, key: events.Key, deliver: Callable[[events.Key], Awaitable[None]]) -> bool:
+        """Return whether a key is queued; `deliver` is then called later."""
+        if key.key in IMMEDIATE_KEYS:
+            return False
+        if not self._held and self._is_ready() and self._is_handled():
+            self._note_delivered(key)
+            return False
+        self._held.append(key)
+        if self._timer is None:
+            self._timer = self._app.set_interval(RELEASE_INTERVAL_S, lambda: self._release(deliver))
+        return True
+
+    async def _release(self, deliver: Callable[[events.Key], Awaitable[None]]) -> None:
+        while self._held and self._is_ready() and self._is_handled():
+            key = self._held.popleft()
+            self._note_delivered(key)
+            await deliver(key)
+        if not self._held and self._timer:
+            self._timer.stop()
+            self._timer = None
+
+    def _note_delivered(self, key: events.Key) -> None:
+        self._before, self._since = key, time.monotonic()
+
+    def _is_ready(self) -> bool:
+        stack = self._app.screen_stack  # empty while places change
+        return bool(stack) and (not isinstance(stack[-1], Page) or stack[-1].ready)
+
+    def _is_handled(self) -> bool:
+        """Return whether the previous key has taken effect: it may open a screen, or move the focus."""
+        if self._before is None or time.monotonic() > self._since + MAX_WAIT_S:
+            return True
+        focused = self._app.focused
+        if isinstance(focused, Input) and self._before.is_printable:
+            return True
+        return not any(of.message_queue_size for of in (focused or self._app.screen).ancestors_with_self)
 
 
 class FraexpApp(App[None]):
@@ -207,8 +268,7 @@ class FraexpApp(App[None]):
 
     def open_measurement(self, study: str, overrides: Sequence[str]) -> None:
         """Show the measurement that is running, or plan that of a study."""
-        from fraexp.tui.screens.measurement_page import MeasurementPage
-        from fraexp.tui.screens.measurement_plan_page import MeasurementPlanPage
+        from fraexp.tui.screens.measurement_page import MeasurementPage, MeasurementPlanPage
 
         live = self.measurement
         if live is None or not live.is_moving:

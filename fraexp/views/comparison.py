@@ -8,7 +8,7 @@ from typing import Any
 from fraexp.components.registry import Registry
 from fraexp.data.identity import key_of
 from fraexp.data.results import Result
-from fraexp.figures.kinds.difference import Difference, response_difference
+from fraexp.figures.kinds.response_errors import Difference, response_difference
 from fraexp.store import StoredSweep
 from fraexp.study.paths import unit_at
 from fraexp.views.words import flatten, number_text, scale_values, short_key, value_text, with_unit

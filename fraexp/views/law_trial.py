@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -13,7 +12,7 @@ from fraexp.components.first_trial import first_trial
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.law_step import overdue_text
 from fraexp.components.parameters import Parameters, param
-from fraexp.components.registry import Registry, reason_of
+from fraexp.components.registry import Registry, create, reason_of
 from fraexp.data import toml
 from fraexp.errors import FraexpError, PluginError
 from fraexp.kernels.watchdog import LAW_TIME_LIMIT_S, OverdueError, time_limit
@@ -79,12 +78,8 @@ class LawTrial:
     """A friction law with its parameters and a time limit; FraexpError names a fault in one line."""
 
     def __init__(self, spec: Mapping[str, object], sine: SineMotion, registry: Registry) -> None:
-        self._file: Path | None = None
-        model = registry.create(FrictionModel.kind, spec)
-        if not isinstance(model, FrictionModel):
-            raise PluginError(f"{spec.get('name')} is not a friction model")
-        provider = registry.provider(FrictionModel.kind, str(spec["name"]))
-        self._file = provider.file
+        model = create(registry, FrictionModel, spec)
+        self._file = registry.provider(FrictionModel.kind, model.name).file
         self.model, self.sine = model, sine
         first_trial(spec, registry)
         self._ends = time.monotonic() + MAX_TRIAL_TIME_S

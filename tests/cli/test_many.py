@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fraexp.cli.arguments import parse
 from fraexp.cli.compare import execute as compare
 from fraexp.cli.follow import MAX_REPORTED_FAILURES, MAX_TABLE_SWEEPS, RunEvents, follow, print_outcome
+from fraexp.cli.main import parse
 from fraexp.cli.show import execute as show
 from fraexp.data.findings import remarks
 from fraexp.data.results import Metric, Outcome, Result

@@ -12,9 +12,9 @@ from fraexp.components.registry import Registry, create
 from fraexp.data.results import Outcome, Result
 from fraexp.data.signals import Verification
 from fraexp.errors import ParameterError
-from fraexp.execution.certificate import NUMERICAL_ERROR, certify
 from fraexp.execution.job import run_job
 from fraexp.execution.sent_jobs import Job
+from fraexp.execution.verdict import NUMERICAL_ERROR, certify
 from fraexp.study.accuracy import Accuracy
 from fraexp.study.study_file import load
 from tests.machines import guide, simulated

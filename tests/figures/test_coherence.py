@@ -6,7 +6,7 @@ from fraexp.data.results import Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.elements.panel_figure import draw_panels
-from fraexp.figures.kinds.coherence import coherence_info
+from fraexp.figures.kinds.response_quality import coherence_info
 from tests.figures.curves import make_response
 from tests.refusals import refused
 

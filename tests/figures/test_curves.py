@@ -12,7 +12,7 @@ from fraexp.figures.elements.bands import TINT_SHARE, mix_grey
 from fraexp.figures.elements.frequency_lines import MODEL_LINE_WIDTH
 from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.elements.panel_figure import draw_panels
-from fraexp.figures.kinds.other_curves import curves_info
+from fraexp.figures.kinds.curves import curves_info
 from tests.figures.curves import make_loop
 from tests.refusals import refused
 

@@ -7,7 +7,7 @@ from fraexp.data.results import FrequencyResponse, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.elements.panel_figure import draw_panels
-from fraexp.figures.kinds.difference import (
+from fraexp.figures.kinds.response_errors import (
     difference_curve,
     difference_figure,
     difference_info,

@@ -5,7 +5,7 @@ from fraexp.data.results import Metric, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.drawing import draw_figure
 from fraexp.figures.elements.grouping import ShownResult
-from fraexp.figures.kinds.plant_errors import FREQUENCY_FACTOR, errors_info
+from fraexp.figures.kinds.response_errors import FREQUENCY_FACTOR, errors_info
 from tests.figures.curves import make_response
 from tests.refusals import refused
 

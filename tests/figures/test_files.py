@@ -95,7 +95,7 @@ def test_any_name_can_be_drawn(name: str, result: Result, tmp_path: Path) -> Non
 def test_numbers_and_stamps_need_no_matplotlib_and_drawing_no_display() -> None:
     code = (
         "import sys; from fraexp.figures.elements import stamp;"
-        "from fraexp.figures.kinds import bode, difference, hysteresis_loops;"
+        "from fraexp.figures.kinds import bode, curves, response_errors;"
         "print('matplotlib' in sys.modules);"
         "import fraexp.figures.drawing; print('matplotlib.pyplot' in sys.modules)"
     )

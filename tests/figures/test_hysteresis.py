@@ -4,7 +4,7 @@ from fraexp_plugins.identification._law_forces import virgin_curve
 
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
-from fraexp.figures.kinds.hysteresis_loops import draw_hysteresis, hysteresis_info
+from fraexp.figures.kinds.curves import draw_hysteresis, hysteresis_info
 from tests.figures.curves import make_loop
 from tests.refusals import refused
 

@@ -7,7 +7,7 @@ from fraexp.data.results import Curve, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.grouping import ShownResult
 from fraexp.figures.elements.panel_figure import draw_panels
-from fraexp.figures.kinds.levels import QUANTITIES, levels_info
+from fraexp.figures.kinds.response_quality import QUANTITIES, levels_info
 from fraexp.views.text_tables import response_table
 from tests.figures.curves import make_response
 from tests.refusals import refused

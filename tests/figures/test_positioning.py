@@ -7,7 +7,7 @@ from fraexp.data.results import Curve, Outcome, Result
 from fraexp.errors import FraexpError
 from fraexp.figures.drawing import draw_figure
 from fraexp.figures.elements.grouping import ShownResult
-from fraexp.figures.kinds.positioning_moves import AXIS_MARGIN, MIN_HEIGHT_RATIO, is_positioning, positioning_info
+from fraexp.figures.kinds.curves import AXIS_MARGIN, MIN_HEIGHT_RATIO, is_positioning, positioning_info
 from tests.refusals import refused
 
 BAND = 4e-6

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from fraexp.cli.arguments import UsageError, parse
+from fraexp.cli.main import UsageError, parse
 from fraexp.components.registry import Registry
 from fraexp.data import toml, units
 from fraexp.data.identity import TAG

@@ -8,9 +8,8 @@ import numba
 import numpy as np
 import pytest
 
-from fraexp.kernels.law import INSTEAD, Law, called_functions, explain_compiler_errors
+from fraexp.kernels.law import INSTEAD, Law, called_functions, explain_compiler_errors, fingerprint
 from fraexp.kernels.law_error import LawError
-from fraexp.kernels.law_fingerprint import fingerprint
 from tests.examples import some
 
 HELPER = """

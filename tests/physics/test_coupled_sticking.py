@@ -11,7 +11,7 @@ from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.plants.two_mass import TwoMass
 
 from fraexp.data.results import Outcome
-from fraexp.execution.certificate import certify
+from fraexp.execution.verdict import certify
 from tests.examples import some
 from tests.machines import TABLE, decibel, simulated
 from tests.physics.coupled_events import Dry, EventLoop, Stop

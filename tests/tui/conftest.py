@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from fraexp.store import Store
-from fraexp.tui import key_queue, page
+from fraexp.tui import app, page
 from fraexp.tui.services.study_survey import SurveyProcess
 from fraexp.views import law_trial
 from fraexp.workspace.workspace_service import WorkspaceService
@@ -44,7 +44,7 @@ def no_theme(monkeypatch: pytest.MonkeyPatch) -> None:
 def patient_screens(monkeypatch: pytest.MonkeyPatch) -> None:
     """Keys wait until what is slow is there, and a law may take its time: how long is the benchmarks' matter."""
     monkeypatch.setattr(page, "LOAD_TIMEOUT_S", HANG_TIMEOUT_S)
-    monkeypatch.setattr(key_queue, "MAX_WAIT_S", HANG_TIMEOUT_S)
+    monkeypatch.setattr(app, "MAX_WAIT_S", HANG_TIMEOUT_S)
     monkeypatch.setattr(law_trial, "MAX_TRIAL_TIME_S", HANG_TIMEOUT_S)
 
 

@@ -3,8 +3,7 @@
 import pytest
 
 from fraexp.tui.page import PageHeader
-from fraexp.tui.screens.measurement_page import MAX_NOTICE_LENGTH, MeasurementPage
-from fraexp.tui.screens.measurement_plan_page import question_text
+from fraexp.tui.screens.measurement_page import MAX_NOTICE_LENGTH, MeasurementPage, question_text
 from fraexp.tui.screens.studies_page import StudiesPage
 from fraexp.tui.services.live_measurement import LimitedMotion, PlanSummary, TrackedMeasurement
 from fraexp.tui.services.measurement_worker import stage_changes

@@ -21,8 +21,13 @@ from fraexp.measurement.consent import CONSENTS_VARIABLE
 from fraexp.measurement.measured_points import MeasurementFiles
 from fraexp.store import Store
 from fraexp.tui.screens.launch_page import LaunchPage
-from fraexp.tui.screens.measurement_page import MARGIN_SIGN, PREDICTED_SIGN, LimitGauges, MeasurementPage
-from fraexp.tui.screens.measurement_plan_page import MeasurementPlanPage
+from fraexp.tui.screens.measurement_page import (
+    MARGIN_SIGN,
+    PREDICTED_SIGN,
+    LimitGauges,
+    MeasurementPage,
+    MeasurementPlanPage,
+)
 from fraexp.tui.screens.run_page import RunPage
 from fraexp.tui.screens.studies_page import StudiesPage
 from fraexp.tui.services.live_measurement import LimitedMotion, read_changes

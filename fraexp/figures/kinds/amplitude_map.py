@@ -13,7 +13,7 @@ from fraexp.figures.elements.canvas import LineStyle
 from fraexp.figures.elements.grouping import MAX_MAPS, ShownResult
 from fraexp.figures.elements.labels import drawable
 from fraexp.figures.elements.scales import continuous_phase, decibel, degrees, readable_unit
-from fraexp.figures.kinds.difference import on_frequencies
+from fraexp.figures.kinds.response_errors import on_frequencies
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

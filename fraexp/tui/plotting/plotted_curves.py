@@ -176,8 +176,7 @@ def with_curves(picture: Picture, curve_of: Mapping[int, int]) -> Picture:
 
 def difference_picture(shown: Sequence[ShownResult], first: int) -> Picture:
     """Return the differences of responses from the sweep at place `first`; with `REFERENCE`, from the plant."""
-    from fraexp.figures.kinds.difference import difference_figure, difference_info
-    from fraexp.figures.kinds.plant_errors import errors_figure, errors_info
+    from fraexp.figures.kinds.response_errors import difference_figure, difference_info, errors_figure, errors_info
 
     found = _numbered(shown)
     if first == REFERENCE:
@@ -210,7 +209,7 @@ def nyquist_picture(shown: Sequence[ShownResult], reference: Reference | None) -
 
 def coherence_picture(shown: Sequence[ShownResult]) -> Picture:
     """Return coherence and distortion of responses."""
-    from fraexp.figures.kinds.coherence import coherence_info
+    from fraexp.figures.kinds.response_quality import coherence_info
 
     found = _numbered(shown)
     info = coherence_info(found)
@@ -222,8 +221,7 @@ def coherence_picture(shown: Sequence[ShownResult]) -> Picture:
 
 def curve_kinds(shown: ShownResult) -> list[str]:
     """Return the kinds of figure that show a result's curves; each curve is in one of them."""
-    from fraexp.figures.kinds.hysteresis_loops import is_hysteresis
-    from fraexp.figures.kinds.positioning_moves import is_positioning
+    from fraexp.figures.kinds.curves import is_hysteresis, is_positioning
 
     found = {
         "positioning" if is_positioning(curve) else "hysteresis" if is_hysteresis(curve) else "curves"
@@ -234,9 +232,13 @@ def curve_kinds(shown: ShownResult) -> list[str]:
 
 def curves_picture(shown: Sequence[ShownResult], kind: str) -> Picture:
     """Return the curves of a kind (see `curve_kinds`) of results."""
-    from fraexp.figures.kinds.hysteresis_loops import hysteresis_info, is_hysteresis
-    from fraexp.figures.kinds.other_curves import curves_info
-    from fraexp.figures.kinds.positioning_moves import is_positioning, positioning_info
+    from fraexp.figures.kinds.curves import (
+        curves_info,
+        hysteresis_info,
+        is_hysteresis,
+        is_positioning,
+        positioning_info,
+    )
 
     described = {"positioning": positioning_info, "hysteresis": hysteresis_info}.get(kind, curves_info)
     belongs = {"positioning": is_positioning, "hysteresis": is_hysteresis}.get(kind, lambda _: True)

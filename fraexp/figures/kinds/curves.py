@@ -1,27 +1,181 @@
-"""Other curves: each column over the first one in a panel of its own; curves with other columns follow below.
+"""Curves: each column over the first one in a panel of its own; hysteresis loops and moves to a target otherwise.
 
 A column ``model`` is drawn as a line through the points of the first ordinate; ``lower 95 %`` and ``upper 95 %`` are
-its band.
+its band. Curves with other columns follow below.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.data.results import Curve
 from fraexp.errors import FraexpError
-from fraexp.figures.elements.frequency_lines import LIMIT_COLUMNS, GroupedLine, curve_limits
+from fraexp.figures.elements import canvas
+from fraexp.figures.elements.facets import by_facet, facet_panels, group_styles
+from fraexp.figures.elements.frequency_lines import LIMIT_COLUMNS, GroupedLine, add_band_legend, curve_limits
 from fraexp.figures.elements.grouping import CurvePlace
-from fraexp.figures.elements.panel_figure import Panel, PanelFamily, PanelFigure
+from fraexp.figures.elements.panel_figure import MARK_STYLE, Panel, PanelFamily, PanelFigure, draw_panel
 from fraexp.figures.elements.scales import (
     DISPLACEMENT_UNITS,
     FORCE_NAMES,
     displacement_unit,
     readable_unit,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LabelledCurve = tuple[str, Curve, CurvePlace]
+"""Label, curve and place."""
+MAX_STROKE_RATIO = 5.0
+"""Ratio of strokes up to which loops share a panel."""
+
+
+def is_hysteresis(curve: Curve) -> bool:
+    """Say whether a curve is friction force [N] over displacement [m], or torque [N m] over angle [rad]."""
+    return curve.units.get("displacement") in DISPLACEMENT_UNITS and curve.units.get("force") in FORCE_NAMES
+
+
+def hysteresis_info(
+    curves: Sequence[tuple[str, Curve]], title: str = "", places: Sequence[CurvePlace] = ()
+) -> PanelFigure:
+    """Return the loops of labelled curves with the columns displacement and force, by facet and size of stroke.
+
+    Curves with the same point in their `places` are a sample; without places each has its own colour.
+    """
+    for label, curve in curves:
+        if not is_hysteresis(curve):
+            found = ", ".join(f"{name} [{unit}]" for name, unit in curve.units.items())
+            raise FraexpError(f"hysteresis figure, {label}: found {found}; expected displacement [m], force [N]")
+    if not curves:
+        raise FraexpError("hysteresis figure: there is no curve to draw; choose sweeps of a driven friction model")
+    if len({(curve.units["displacement"], curve.units["force"]) for _, curve in curves}) > 1:
+        raise FraexpError("hysteresis figure: found straight and rotary axes; choose sweeps of one kind")
+    alone = [CurvePlace(group=label, point=str(index)) for index, (label, _) in enumerate(curves)]
+    placed = [(label, curve, place) for (label, curve), place in zip(curves, places or alone, strict=True)]
+    groups = [group for group in _group_by_stroke(placed) if group]
+    names = ("",) if len(groups) == 1 else ("(a) Small strokes", "(b) Large strokes")
+    families = tuple(family for of in zip(names, groups, strict=True) for family in _families(*of))
+    force = FORCE_NAMES[curves[0][1].units["force"]]
+    return PanelFigure(families, title or f"Friction {force} over displacement", is_loop=True)
+
+
+def _amplitude(curve: Curve) -> float:
+    return float(np.ptp(curve.columns["displacement"])) / 2
+
+
+def _group_by_stroke(curves: Sequence[LabelledCurve]) -> list[list[LabelledCurve]]:
+    amplitudes = np.array([_amplitude(curve) for _, curve, _ in curves])
+    ordered = np.sort(amplitudes[amplitudes > 0])
+    if len(ordered) == 0 or ordered[-1] <= MAX_STROKE_RATIO * ordered[0]:
+        return [list(curves)]
+    gap = int(np.argmax(np.diff(np.log(ordered))))
+    small = amplitudes <= ordered[gap]
+    return [[curves[index] for index in np.flatnonzero(chosen).tolist()] for chosen in (small, ~small)]
+
+
+def _families(title: str, curves: Sequence[LabelledCurve]) -> list[PanelFamily]:
+    """Return a family of one panel for each facet; all share their unit."""
+    largest = max(float(np.max(np.abs(curve.columns["displacement"]))) for _, curve, _ in curves)
+    factor, unit = displacement_unit(largest, curves[0][1].units["displacement"])
+    loops = [
+        GroupedLine(label, place, factor * of.columns["displacement"], of.columns["force"], band=curve_limits(of))
+        for label, of, place in curves
+    ]
+    force_unit = curves[0][1].units["force"]
+    force = f"Friction {FORCE_NAMES[force_unit]} [{force_unit}]"
+    return [
+        PanelFamily(
+            f"Displacement [{unit}]",
+            (Panel(force, force_unit, tuple(of), marks=(0.0,)),),
+            " ".join(filter(None, (title, name))),
+        )
+        for name, of in by_facet(loops, [loop.place for loop in loops]).items()
+    ]
+
+
+def draw_hysteresis(info: PanelFigure) -> "Figure":
+    """Draw hysteresis loops, small and large strokes, and facets, side by side; of similar strokes on the same axes."""
+    loops, styles = [panel.lines for panel in info.panels], group_styles(info.places)
+    reach = [max(float(np.abs(loop.x).max()) for loop in of) for of in loops]
+    alike = len({family.unit for family in info.families}) == 1 and max(reach) <= MAX_STROKE_RATIO * min(reach)
+    with canvas.figure_style():
+        names = [family.name for family in info.families]
+        panels = facet_panels(names, (6.6, 4.6), facet_height=3.9, is_shared=alike)
+        for axes, panel in zip(panels.all, info.panels, strict=True):
+            axes.axvline(0, **MARK_STYLE)
+            draw_panel(axes, panel, panel.lines, styles)
+        add_band_legend(panels.all[-1], [loop for of in loops for loop in of])
+        x_titles = [family.abscissa for family in info.families]
+        return panels.finish(info.title, x_titles, [info.panels[0].title], info.places)
+
+
+REQUIRED_COLUMNS = ("time", "position", "reference", "target", "band")
+"""Columns of a positioning curve, beside an optional ``thrust``."""
+MIN_HEIGHT_RATIO, MAX_LINEAR_RATIO = 2.5, 6.0
+"""Least height of the axis, and greatest height of a linear axis, in half widths of the band."""
+AXIS_MARGIN = 1.15
+"""Height of the axis relative to the largest residual."""
+REST_TOLERANCE = 1e-9
+"""Change of the reference per sample, relative to its range, up to which it is at rest."""
+
+
+def is_positioning(curve: Curve) -> bool:
+    """Return whether a curve is a move to targets with settling windows."""
+    lengths = {curve.units.get(name) for name in REQUIRED_COLUMNS[1:]}
+    return (
+        all(name in curve.columns for name in REQUIRED_COLUMNS) and curve.units.get("time") == "s" and len(lengths) == 1
+    )
+
+
+def positioning_info(
+    curves: Sequence[tuple[str, Curve]], title: str = "", places: Sequence[CurvePlace] = ()
+) -> PanelFigure:
+    """Return the moves in labelled curves, each at its place; FraexpError if there is none."""
+    pairs = zip(curves, places or [CurvePlace()] * len(curves), strict=True)
+    found = [(label, curve, place) for (label, curve), place in pairs if is_positioning(curve)]
+    if not found:
+        raise FraexpError("positioning figure: there is no positioning motion; use estimator 'positioning_metrics'")
+    length = found[0][1].units["position"]
+    if any(curve.units["position"] != length for _, curve, _ in found):
+        raise FraexpError("positioning figure: found positions in several units; choose sweeps that share one")
+    factor, unit = (1e6, f"µ{length}") if length in DISPLACEMENT_UNITS else (1.0, length)
+    moves = [_deviation(label, curve, place, factor) for label, curve, place in found]
+    bands = tuple(sorted({factor * float(band) for _, curve, _ in found for band in np.unique(curve.columns["band"])}))
+    height = max(AXIS_MARGIN * max(residual for _, residual in moves), MIN_HEIGHT_RATIO * bands[-1])
+    deviations = tuple(line for line, _ in moves)
+    with_thrust = [(line, curve.columns.get("thrust")) for line, (_, curve, _) in zip(deviations, found, strict=True)]
+    thrusts = tuple(replace(line, name="", y=thrust) for line, thrust in with_thrust if thrust is not None)
+    thrust_unit = next((of.units["thrust"] for _, of, _ in found if "thrust" in of.units), "")
+    deviation = Panel(
+        f"Position − target [{unit}]",
+        unit,
+        deviations,
+        linear_range=10.0 ** np.ceil(np.log10(bands[-1])) if height > MAX_LINEAR_RATIO * bands[-1] else None,
+        span=(-height, height),
+        marks=tuple(sign * band for band in bands for sign in (-1, 1)),
+        mark_name=" and ".join(f"±{band:g} {unit}" for band in bands),
+        height=3.4,
+    )
+    panels = (deviation, *([Panel(f"Thrust [{thrust_unit}]", thrust_unit, thrusts, height=1.6)] if thrust_unit else []))
+    span = min(line.x[0] for line in deviations), max(line.x[-1] for line in deviations)
+    family = PanelFamily("Time since the move began [ms]", panels, span=span)
+    return PanelFigure((family,), title or "Position relative to its target")
+
+
+def _deviation(label: str, curve: Curve, place: CurvePlace, factor: float) -> tuple[GroupedLine, float]:
+    """Return the deviation from the target, and its largest value while the reference rests there."""
+    time, position, reference, target = (curve.columns[name] for name in ("time", "position", "reference", "target"))
+    moving = np.flatnonzero(np.abs(np.diff(reference)) > REST_TOLERANCE * np.ptp(reference))
+    begin = time[moving[0]] if moving.size else time[0]
+    deviation = factor * (position - target)
+    resting = np.abs(reference - target) <= REST_TOLERANCE * np.ptp(reference)
+    residual = float(np.abs(deviation[resting]).max()) if resting.any() else 0.0
+    return GroupedLine(label, place, 1e3 * (time - begin), deviation), residual
+
 
 MODEL_COLUMN = "model"
 LOG_AXIS_RATIO = 10.0
@@ -31,8 +185,6 @@ GEOMETRIC_TOLERANCE = 1e-6
 MIN_BRANCH_GAP = 5.0
 """Gap between positive and negative values, relative to the span of either, from which each gets its own panel."""
 ANGLE_UNITS = ("deg", "rad")
-LabelledCurve = tuple[str, Curve, CurvePlace]
-"""Label, curve and place."""
 
 
 class _ShownUnit(NamedTuple):
