@@ -17,16 +17,13 @@ from fraexp_plugins.estimators._shared.realisations import (
 )
 
 MIN_DETECTION_LINES = 2
-"""Detection lines that a level needs to have a scatter."""
+"""Detection lines that a level needs to have a scatter. Half of it gives one without."""
 FLAT_PARTS = 0.0, 1e-3, 1e-2, 0.03, 0.1, 0.3, 0.6, 1.0
-"""Parts of the distortions, and of noise that is not separated, that do not follow |Ĝ|²: what is tried."""
-SHAPE_NEIGHBOURS = 2
-"""Factor from the detection lines that give a level to those that tell how much of it follows |Ĝ|²."""
-MAX_GAIN_RATIO = 100.0
-"""Ratio of |Ĝ|² among the detection lines of a level from which the band depends on what follows |Ĝ|²."""
+"""Parts of the distortions, and of noise that is not separated, that do not follow |Ĝ|²: what is tried. Half as
+many make the likelihood choose between none and half of it at an antiresonance."""
 
 
-class FastBestLinearApproximation(ReferencedEstimator, name="fast_best_linear_approximation", version=4):
+class FastBestLinearApproximation(ReferencedEstimator, name="fast_best_linear_approximation", version=5):
     """Ĝ = Ȳ/Ū, with noise from the scatter of periods and nonlinear distortions from detection lines (fast method).
 
     At a detection line, which is not excited, E = Y - Ĝ U contains only noise and distortions; Ĝ U is the response to
@@ -37,7 +34,7 @@ class FastBestLinearApproximation(ReferencedEstimator, name="fast_best_linear_ap
     |E|² at an excited line follows from its ratio to n + g d, by a straight line over ln f through the `neighbours`
     nearest detection lines. n is the noise, averaged over twice as many lines, and d the neighbours' median of
     (|E|² - n)/g. g = (1 - c)|Ĝ|² + c mean |Ĝ|² because some distortions reach the output through the plant and others
-    do not, as noise does not: several c are averaged, weighted by the likelihood of |E|² at twice as many detection
+    do not, as noise does not: several c are averaged, weighted by the likelihood of |E|² at the same detection
     lines, and the scatter of their logarithms lowers ν. With weights w of the straight line ν = 2/Σw²: twice the
     neighbours in the middle of the frequency range and half of them at its ends. From one period n is not identifiable:
     noise and distortions are not separated. At an antiresonance the band rests on c alone; with distortions before it
@@ -132,29 +129,27 @@ class _Band:
             return _Level(unknown, unknown, np.zeros(lines.size, dtype=bool))
         distance = np.abs(np.log(self.lines[places]) - np.log(lines)[:, None])
         order = np.argsort(distance, axis=1, kind="stable")
-        near, wide = (places[np.sort(order[:, :count])] for count in (neighbours, SHAPE_NEIGHBOURS * neighbours))
+        near = places[np.sort(order[:, :neighbours])]
         weights = _trend_weights(np.log(self.lines[near]), np.log(lines))
-        powers = np.stack([self._power(lines, near, wide, part, weights) for part in FLAT_PARTS])
-        chances = _normalised_chances([self._log_likelihood(wide, part) for part in FLAT_PARTS])
+        powers = np.stack([self._power(lines, near, part, weights) for part in FLAT_PARTS])
+        chances = _normalised_chances([self._log_likelihood(near, part) for part in FLAT_PARTS])
         with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
             logarithm = np.log(powers)
             middle = np.add.reduce(chances * logarithm)
             doubt = np.nan_to_num(np.add.reduce(chances * (logarithm - middle) ** 2))
-        gains = self.gain[near]
-        is_sensitive = gains.max(axis=1) > MAX_GAIN_RATIO * gains.min(axis=1)
-        freedom = 2 / (np.add.reduce(weights**2, axis=1) + doubt / 2)
-        return _Level(np.add.reduce(chances * powers), np.maximum(freedom, 2.0), is_sensitive)
+        scatter = np.add.reduce(weights**2, axis=1)
+        freedom = np.maximum(2 / (scatter + doubt / 2), 2.0)
+        return _Level(np.add.reduce(chances * powers), freedom, doubt / 2 > scatter)
 
     def _power(
         self,
         lines: NDArray[np.int64],
         near: NDArray[np.int64],
-        wide: NDArray[np.int64],
         part: float,
         weights: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         """Return E|E|² at the lines from their neighbours, if a part of the distortions does not follow |Ĝ|²."""
-        flat, at = mean(self.gain[wide], 1), lines - self.lines[0]
+        flat, at = mean(self.gain[near], 1), lines - self.lines[0]
         shape_near, distortion = self._shape(near, part, flat)
         shape = np.nan_to_num(self.noise[at]) + _mixed(self.gain[at], part, flat) * distortion
         relative = np.where(shape_near > 0, self.power[near] / np.where(shape_near > 0, shape_near, 1.0), 0.0)
@@ -169,12 +164,12 @@ class _Band:
         distortion = np.maximum(np.median((self.power[near] - noise) / mixed, axis=1), 0.0)
         return noise + mixed * distortion[:, None], distortion
 
-    def _log_likelihood(self, wide: NDArray[np.int64], part: float) -> NDArray[np.float64]:
+    def _log_likelihood(self, near: NDArray[np.int64], part: float) -> NDArray[np.float64]:
         """Return the logarithm of the likelihood of |E|² at the detection lines, of any scale, shape (lines,)."""
-        shape, _ = self._shape(wide, part, mean(self.gain[wide], 1))
+        shape, _ = self._shape(near, part, mean(self.gain[near], 1))
         safe = np.maximum(shape, np.finfo(float).tiny)
-        relative = np.maximum(mean(self.power[wide] / safe, 1), np.finfo(float).tiny)
-        return -self.realisations * (np.add.reduce(np.log(safe), axis=1) + wide.shape[1] * np.log(relative))
+        relative = np.maximum(mean(self.power[near] / safe, 1), np.finfo(float).tiny)
+        return -self.realisations * (np.add.reduce(np.log(safe), axis=1) + near.shape[1] * np.log(relative))
 
 
 class _Level(NamedTuple):

@@ -24,7 +24,7 @@ ONE_WINDOW = (
 """What a record that does not repeat itself is told without a shorter window."""
 
 
-class H1H2Hv(BroadbandEstimator, name="h1_h2_hv", version=4):
+class H1H2Hv(BroadbandEstimator, name="h1_h2_hv", version=5):
     """H1 = Ŝ_yu/Ŝ_uu, H2 = Ŝ_yy/Ŝ_uy or Hv = √(H1 H2) from Hann windows with 50 % overlap, and the coherence.
 
     H1 is unbiased by noise at the output, H2 by noise at the input, Hv if both are equally noisy for their size

@@ -21,24 +21,19 @@ from fraexp.api import (
     response_result,
 )
 from fraexp_plugins.estimators._shared.delayed_estimator import PlantReferredEstimator
+from fraexp_plugins.estimators._shared.hann_windows import LINE_HALF_WIDTH
 
 SMOOTHING_SHARE = 0.1
 """Part of the highest line's period over which the velocity is averaged: encoder increments do not look like reversals,
-and reversals by the injection still do."""
-GUARD_SAMPLES = 5
-"""Samples next to a reversal that no block contains."""
-MIN_SLIDES = 5
-"""Slides from which their scatter counts, besides that of the blocks, which depend on each other within a slide."""
+and reversals by the injection still do. Half of it sees increments in twice the velocity."""
 OVERLAP_VARIANCE = 1 + 2 * 3 / 35
 """Variance of a mean of half overlapping blocks over that of independent ones: sin⁴ and its neighbour correlate by 3/35
 (P. D. Welch, IEEE Trans. Audio and Electroacoustics 15(2), 1967, doi 10.1109/TAU.1967.1161901)."""
 MIN_INDEPENDENT = 2.0
-"""Least number of blocks that count as independent: fewer have no scatter."""
-MIN_SPACING = 2
-"""Least distance of two lines, and of the lowest one from 0, in periods per block: closer ones share their window."""
+"""Least number of blocks that count as independent: fewer have no scatter, of half as many it is infinite."""
 
 
-class InjectionOnMotion(PlantReferredEstimator, name="injection_on_motion", version=4):
+class InjectionOnMotion(PlantReferredEstimator, name="injection_on_motion", version=5):
     """P̂ = y'/u at the lines of a known periodic signal that is injected while the axis moves as its task demands.
 
     The record is cut into blocks in which the axis slides without reversal, wherever they begin; consecutive ones
@@ -123,11 +118,10 @@ class InjectionOnMotion(PlantReferredEstimator, name="injection_on_motion", vers
         speed = np.gradient(np.convolve(y, np.full(smoothing, 1 / smoothing), mode="same"))
         sign = np.where(np.abs(speed) >= self.min_speed * sample_time, np.sign(speed), 0.0)
         edges = [0, *(np.flatnonzero(np.diff(sign)) + 1).tolist(), y.size]
-        guard = GUARD_SAMPLES + smoothing
         starts: list[int] = []
         for begin, end in pairwise(edges):
             if sign[begin]:
-                starts += range(begin + guard, end - guard - block + 1, max(block // 2, 1))
+                starts += range(begin + smoothing, end - smoothing - block + 1, max(block // 2, 1))
         return starts
 
 
@@ -135,7 +129,7 @@ def _block_of(segment: Segment) -> tuple[int, NDArray[np.int64]]:
     """Return the samples of a block, and the periods in it of each line, shape (lines,)."""
     common = int(np.gcd.reduce(segment.lines))
     basic = segment.lines // common
-    count = int(np.ceil(MIN_SPACING / np.diff(basic, prepend=0).min()))
+    count = int(np.ceil(LINE_HALF_WIDTH / np.diff(basic, prepend=0).min()))
     return count * segment.samples // common, count * basic
 
 
@@ -220,7 +214,7 @@ class _Phasors(NamedTuple):
         least = np.maximum(self.repetition, OVERLAP_VARIANCE)
         error = self.output - self.output.mean(axis=0) / self.input.mean(axis=0) * self.input
         sums = np.array([error[self.slide == number].sum(axis=0) for number in range(self.slide[-1] + 1)])
-        if len(sums) < MIN_SLIDES:
+        if len(sums) == 1:
             return least
         squares = np.sum(np.abs(error) ** 2, axis=0) * len(error) / (len(error) - 1)
         between = np.sum(np.abs(sums) ** 2, axis=0) * len(sums) / (len(sums) - 1)

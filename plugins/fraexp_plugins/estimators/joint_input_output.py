@@ -24,7 +24,7 @@ from fraexp_plugins.estimators._shared.realisations import (
 )
 
 
-class JointInputOutput(ReferencedEstimator, name="joint_input_output", version=4):
+class JointInputOutput(ReferencedEstimator, name="joint_input_output", version=5):
     """Ĝ = Ŝ_yr/Ŝ_ur with the excitation r: unbiased in closed loop for every r that is independent of the noise.
 
     The sums run over n blocks: the means of realisations if there are several; otherwise periods, or for a random

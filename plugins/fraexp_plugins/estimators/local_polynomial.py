@@ -4,7 +4,7 @@ from fraexp_plugins.estimators._shared.local_estimator import LocalEstimator
 from fraexp_plugins.estimators._shared.local_models import LocalModel
 
 
-class LocalPolynomial(LocalEstimator, name="local_polynomial", version=2):
+class LocalPolynomial(LocalEstimator, name="local_polynomial", version=3):
     """Ĝ = Ŷ/Û, with a transient that is a polynomial in the distance r from a line (Pintelon et al., 2010 and 2011).
 
     Periodic variant, P periods, from rest or not: between two lines there are P - 1 bins with only transient and noise,

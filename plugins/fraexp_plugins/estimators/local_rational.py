@@ -5,7 +5,7 @@ from fraexp_plugins.estimators._shared.local_estimator import LocalEstimator
 from fraexp_plugins.estimators._shared.local_models import LocalModel
 
 
-class LocalRational(LocalEstimator, name="local_rational", version=2):
+class LocalRational(LocalEstimator, name="local_rational", version=3):
     """Ĝ = Ŷ/Û, with polynomials over a common denominator D(r) = 1 + Σ d_s r^s around each line (McKelvey, 2012).
 
     D Y = (G + Σ g_s r^s) R + T + Σ t_s r^s, with the same D for u, is linear in all unknowns; each iteration weights it

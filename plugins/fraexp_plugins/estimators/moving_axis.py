@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from fraexp.api import Finding, Metric, Outcome, Quantity, RecordError, Result, Segment, Signals, param, response_result
 from fraexp_plugins.estimators._shared.delayed_estimator import PlantReferredEstimator
 
-MAX_VELOCITY_CHANGE = 1e-6
-"""Relative change of the reference's velocity per sample up to which it is constant."""
 MIN_RELATIVE_LENGTH = 0.8
-"""Length of a block over that of the longest one from which it is used: the record's ends cut off the others."""
+"""Length of a block over that of the longest one from which it is used: the record's ends cut off the others. Half of
+it uses those that have lost less than 60 %."""
 
 
 class MovingAxis(PlantReferredEstimator, name="moving_axis", version=1):
@@ -94,8 +93,7 @@ class MovingAxis(PlantReferredEstimator, name="moving_axis", version=1):
         if self.reference_channel not in segment.channels:
             return _blocks_between_reversals(direction, after, after)
         steps = np.diff(segment.channels[self.reference_channel].ravel())
-        is_turning = np.abs(np.diff(steps, prepend=steps[:1])) > MAX_VELOCITY_CHANGE * np.max(np.abs(steps))
-        direction[:-1][is_turning] = 0
+        direction[1:-1][~np.isclose(steps[1:], steps[:-1], atol=0.0)] = 0
         return _blocks_between_reversals(direction, 0, after)
 
 

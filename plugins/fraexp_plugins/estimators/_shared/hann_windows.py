@@ -6,10 +6,11 @@ from numpy.typing import NDArray
 from fraexp.api import RecordError, Segment
 from fraexp_plugins.estimators._shared.realisations import Group
 
-MIN_WINDOW_SAMPLES = 8
-"""Samples below which a window resolves no line beside the mean and its leakage."""
-REPETITION_CORRELATION = 0.5
-"""Correlation of successive periods above which they are repetitions."""
+LINE_HALF_WIDTH = 2
+"""Bins on either side of a line from which its Hann window vanishes: lines that are closer share a window. With half of
+it a window of half the samples passes, whose only line is the leakage of the mean."""
+MIN_WINDOW_SAMPLES = 4 * LINE_HALF_WIDTH
+"""Samples from which a window has a line beside the mean and the Nyquist frequency."""
 
 
 def window_samples(group: Group, window: float, name: str) -> int:
@@ -65,17 +66,19 @@ def independent_windows(group: Group, channel: str, samples: int) -> float:
     hann = _hann(samples)
     hop = samples // 2
     correlation = float(np.add.reduce(hann[hop:] * hann[: samples - hop]) / np.add.reduce(hann**2))
-    counts = [len(_window_starts(segment, samples)) / _repetitions(segment, channel) for segment in group]
+    counts = [len(window_starts(segment, samples)) / _repetitions(segment, channel) for segment in group]
     pairs = sum(max(count - 1, 0.0) for count in counts)
     return sum(counts) / (1 + 2 * correlation**2 * pairs / sum(counts))
 
 
 def _repetitions(segment: Segment, channel: str) -> int:
-    """Return how often a channel of a segment repeats: its number of periods, or 1 if they are blocks of noise."""
+    """Return how often a channel of a segment repeats: its number of periods, or 1 if they are blocks of noise.
+
+    Successive periods that repeat differ by less than they are, blocks of noise by more.
+    """
     blocks = segment.channels[channel]
     blocks = blocks - (np.add.reduce(blocks, axis=1) / segment.samples)[:, None]
-    common = np.add.reduce((blocks[1:] * blocks[:-1]).ravel())
-    return len(blocks) if common > REPETITION_CORRELATION * np.add.reduce((blocks[1:] ** 2).ravel()) else 1
+    return len(blocks) if np.linalg.norm(np.diff(blocks, axis=0)) < np.linalg.norm(blocks[1:]) else 1
 
 
 def _segment_phasors(
@@ -83,12 +86,13 @@ def _segment_phasors(
 ) -> NDArray[np.complex128]:
     record = segment.channels[channel].ravel()
     hann = _hann(samples)
-    windows = np.stack([record[start : start + samples] for start in _window_starts(segment, samples)])
+    windows = np.stack([record[start : start + samples] for start in window_starts(segment, samples)])
     windows = windows - (np.add.reduce(windows, axis=1) / samples)[:, None]
     return np.fft.rfft(windows * hann, transform, axis=1)[:, bins] * (2 / np.add.reduce(hann))
 
 
-def _window_starts(segment: Segment, samples: int) -> range:
+def window_starts(segment: Segment, samples: int) -> range:
+    """Return the first samples of the windows of a record."""
     length = segment.samples * next(iter(segment.channels.values())).shape[0]
     return range(0, length - samples + 1, max(samples // 2, 1))
 

@@ -13,23 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import SIGNIFICANCE, at_worst
-from fraexp_plugins.estimators._shared.hann_windows import independent_windows, longest_record
+from fraexp_plugins.estimators._shared.hann_windows import LINE_HALF_WIDTH, independent_windows, window_starts
 from fraexp_plugins.estimators._shared.realisations import Group, Part, circular_covariance
 
 DIFFERENCE_VARIANCE = 0.73
-"""E|D|² by noise alone over the variance of Ĝ(T): Monte-Carlo, Hann windows with 50 % overlap."""
-MIN_WINDOWS = 3
-"""Lengths of a window that a record needs for windows of twice that length to be compared."""
+"""E|D|² by noise alone over the variance of Ĝ(T): Monte-Carlo, Hann windows with 50 % overlap. Half of it takes noise
+for leakage."""
 NEIGHBOURS = 3
-"""Lines whose differences are averaged."""
-FREEDOM = 4
-"""Degrees of freedom of that average: neighbouring lines are correlated."""
-LOCAL_EVIDENCE = 2.0
-"""Average over its expectation by noise alone from which the line itself is taken to leak, if the record does."""
-MAX_RELATIVE_DEVIATION = 0.3
-"""Standard deviation over the response above which a line is too noisy for its leakage to be seen."""
-LOWEST_HALF_BIN = 2
-"""Lowest bin at which windows of half the length are compared."""
+"""Lines whose differences are averaged: a Hann window spreads a line over so many. They are correlated, so that each is
+one degree of freedom. One line alone raises false alarms in 6 % of sound records instead of 1 %."""
 
 
 class WindowedResponse(NamedTuple):
@@ -65,16 +57,14 @@ def with_leakage(
     whose denominator has no noise.
     """
     own = estimate(samples, bins, samples)
-    if longest_record(group) >= MIN_WINDOWS * samples:
+    if len(window_starts(group[0], 2 * samples)) > 1:
         short, ratio, variance = samples, 4 / 3, own.variance
         other = estimate(2 * samples, 2 * bins, 2 * samples)
     else:
         short, ratio = samples // 2, -1 / 3
         other = estimate(samples // 2, bins, samples)
-        variance = np.where(bins < LOWEST_HALF_BIN, np.nan, other.variance)
+        variance = np.where(bins < LINE_HALF_WIDTH, np.nan, other.variance)
     difference = own.response - other.response
-    size = np.maximum(np.abs(own.response), np.abs(other.response))
-    variance = np.where(variance < MAX_RELATIVE_DEVIATION**2 * size**2, variance, np.nan)
     windows = independent_windows(group, channel, short)
     evidence = _evidence(np.abs(difference) ** 2, DIFFERENCE_VARIANCE * variance, windows)
     unbiased = own.response - ratio * difference
@@ -85,7 +75,7 @@ class _Evidence(NamedTuple):
     """Where two lengths of windows differ by more than noise, each of shape (n,)."""
 
     is_likely: NDArray[np.bool_]
-    """Where the line leaks more likely than not, if the record does; nowhere in a record that need not leak."""
+    """Where the difference is known, if the record leaks; nowhere in a record that need not."""
     is_significant: NDArray[np.bool_]
     """Where noise alone does not explain the difference."""
     excess: NDArray[np.float64]
@@ -98,11 +88,9 @@ def _evidence(difference: NDArray[np.float64], expected: NDArray[np.float64], wi
 
     known = np.isfinite(difference) & np.isfinite(expected) & (expected > 0)
     ratio = np.where(known, difference / np.where(known, expected, 1.0), 0.0)
-    average = _running_mean(ratio, NEIGHBOURS)
-    limit = fdtri(FREEDOM, windows, 1 - SIGNIFICANCE / max(known.sum(), 1))
-    is_significant = known & (average > limit)
-    is_likely = known & (average > LOCAL_EVIDENCE) & is_significant.any()
-    return _Evidence(is_likely, is_significant, np.maximum(1 - 1 / np.maximum(ratio, 1.0), 0.0))
+    limit = fdtri(NEIGHBOURS, windows, 1 - SIGNIFICANCE / max(known.sum(), 1))
+    is_significant = known & (_running_mean(ratio, NEIGHBOURS) > limit)
+    return _Evidence(known & is_significant.any(), is_significant, 1 - 1 / np.maximum(ratio, 1.0))
 
 
 def _running_mean(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:

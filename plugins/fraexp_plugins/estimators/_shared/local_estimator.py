@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    SIGNIFICANCE,
     Finding,
     ParameterError,
     RecordError,
@@ -33,9 +34,6 @@ from fraexp_plugins.estimators._shared.realisations import (
     sum_of_squares,
 )
 
-MAX_SMOOTHNESS = 0.9
-"""Share of the excitation around a line that a polynomial follows, above which it is too smooth: of noise, it is the
-part of the bins that the polynomial has coefficients for."""
 DEFAULT_EXCITATION_CHANNEL = "excitation"
 """Channel of the excitation, which every simulated loop has and a measured record may lack."""
 
@@ -98,14 +96,18 @@ class LocalEstimator(BroadbandEstimator, ABC):
     def _has_smooth_drive(self, group: Group, reference: str) -> NDArray[np.bool_]:
         """Return where a drive is as smooth over frequency as response and transient are, shape (lines,).
 
-        Such as that of a chirp it does not tell one from the other. Periods that repeat do.
+        Such as that of a chirp it does not tell one from the other. Periods that repeat do. Of noise, the share of its
+        power that a polynomial follows has a beta distribution.
         """
+        from scipy.special import betaincinv  # slow to import: listing plugins must stay fast
+
         if not self._is_one_record(group[0]):
             return np.zeros(group[0].lines.size, dtype=bool)
         unknowns = self.model(feedback=reference != self.input).unknowns + self.order
         windows = all_windows(group[0], self._half_width(unknowns))
         smoothness = np.min([drive_smoothness(segment, reference, windows, self.order) for segment in group], axis=0)
-        return np.asarray(smoothness > MAX_SMOOTHNESS)
+        (lines, width), followed = windows.bins.shape, self.order + 1
+        return np.asarray(smoothness > betaincinv(followed, width - followed, 1 - SIGNIFICANCE / lines))
 
     def _reference(self, signals: Signals, group: Group) -> str:
         """Return the channel to which spectra are related: the excitation, or the input if no feedback acts on it."""
