@@ -219,7 +219,7 @@ def test_a_law_that_fails_is_named_and_left_out() -> None:
     observer = observer.model_copy(update={"oversampling": 4})
     choice = LawSelection(signals, observer, 3e-4, False).choose((Failing(limit=1.0), dahl), False)
     assert choice.best.law.name == "dahl"
-    assert "the law failing_of_a_user is left out: " in choice.failed[0]
+    assert [f"{each.place} {each.text}"[:27] for each in choice.left_out] == ["failing_of_a_user left out,"]
 
 
 @pytest.mark.thorough

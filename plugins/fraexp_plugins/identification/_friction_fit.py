@@ -24,15 +24,11 @@ from fraexp.api import (
 )
 from fraexp_plugins.friction._shared.element_model import ElementModel
 from fraexp_plugins.identification._friction_rows import TERM_UNITS, FrictionProblem, FrictionRecord, Rows
-from fraexp_plugins.identification._law_forces import (
-    FreeElements,
-    LawForces,
-    WholeLaw,
-    rolling_elements,
-)
+from fraexp_plugins.identification._law_comparison import Prediction, best_of
+from fraexp_plugins.identification._law_forces import FreeElements, LawForces, WholeLaw, rolling_elements
 from fraexp_plugins.identification._law_numbers import Number
 from fraexp_plugins.identification._least_squares import derivatives, inverse_square, minimise, solve_non_negative
-from fraexp_plugins.identification._usable_records import FORCE_FLOOR
+from fraexp_plugins.identification._usable_records import FORCE_FLOOR, MAX_NOISE_RATIO
 
 LAG_WINDOW = 5.0
 """Lags, in correlation times, over which a residual's autocorrelation is summed (A. D. Sokal, 1997)."""
@@ -155,15 +151,10 @@ def regress(
     )
 
 
-MAX_NOISE_RATIO = 3.0
-"""Error over that by the channels' noise up to which noise explains it."""
 MAX_ERROR_RATIO = 0.8
 """Error with a further effect over the one without, up to which it is in the record: a thrust that goes on between
 samples, a force along the stroke, a spring. An unknown error of the model correlates the rows, so that no F test tells;
 with half of it an effect would have to explain most of the error."""
-EQUAL_ERROR = 1.01
-"""Held-out error over the least one up to which models are equal, and that with the fewest numbers is chosen. Half of
-the difference takes an element more now and then."""
 
 
 def columns_along(forces: LawForces, record: FrictionRecord) -> NDArray[np.float64]:
@@ -250,6 +241,11 @@ class FrictionFit:
     def worst_error(self) -> float:
         """The larger of both errors."""
         return float(np.nanmax([self.error, self.held_out_error]))
+
+    @property
+    def prediction(self) -> Prediction:
+        """How well it predicts the cycles that are held out."""
+        return Prediction(self.worst_error, self.problem.judging_rows, len(self.numbers))
 
     @cached_property
     def slopes(self) -> NDArray[np.float64]:
@@ -433,10 +429,6 @@ def _root_mean_square(values: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.add.reduce(values**2) / values.size)) if values.size else np.nan
 
 
-DEAD_TIME_TOLERANCE = 0.01
-"""Step of the dead time in samples that is the last one."""
-
-
 def with_dead_time(problem: FrictionProblem, forces: LawForces) -> FrictionProblem:
     """Return a problem at the dead time that these forces tell, and with the deviation of rows that they leave.
 
@@ -448,7 +440,7 @@ def with_dead_time(problem: FrictionProblem, forces: LawForces) -> FrictionProbl
     for _ in range(MAX_ITERATIONS):
         fit = FrictionFit(problem, forces)
         step, std = fit.term("dead_time") - problem.observation.later, float(np.sqrt(fit.variance))
-        has_converged = abs(step) < DEAD_TIME_TOLERANCE * problem.records[0].sample_time
+        has_converged = abs(step) < CONVERGED * problem.records[0].sample_time
         if has_converged and MAX_ERROR_RATIO < std / max(problem.row_std, np.finfo(float).tiny) < 1 / MAX_ERROR_RATIO:
             break
         problem = problem.moved(step, std)
@@ -559,10 +551,13 @@ def _choose_set(sets: Sequence[NDArray[np.bool_]], grid: FrictionFit, elements: 
     if elements:
         sizes = [int(kept.sum()) - len(problem.terms) for kept in sets]
         return next((kept for kept, size in zip(sets, sizes, strict=True) if size <= elements), sets[-1])
-    is_judge = problem.is_fitted if problem.is_fitted.all() else ~problem.is_fitted
-    held_out = CompressedRows(grid.rows, problem, is_judge)
-    errors = np.array([held_out.mean_square(grid.compressed.solve(kept)) for kept in sets])
-    return sets[int(np.flatnonzero(errors <= errors.min() * EQUAL_ERROR**2)[-1])]
+    held_out = CompressedRows(grid.rows, problem, problem.is_judge)
+
+    def prediction(kept: NDArray[np.bool_]) -> Prediction:
+        error = np.sqrt(held_out.mean_square(grid.compressed.solve(kept)))
+        return Prediction(float(error), problem.judging_rows, int(kept.sum()))
+
+    return best_of(sets, prediction)
 
 
 def _spring_remarks(grid: FrictionFit) -> list[Finding | str]:

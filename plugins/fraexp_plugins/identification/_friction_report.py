@@ -1,6 +1,6 @@
 """The result of friction identification: numbers with their intervals, errors, curves, doubts and the model."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -12,11 +12,9 @@ from fraexp_plugins.identification._law_forces import force_over_velocity, virgi
 
 MIN_DEFLECTION_STEPS = 10.0
 """Quantisation steps that the presliding deflection should have."""
-MIN_CURVATURE = 0.05
-"""Part of a quadratic term in the viscous force at the largest speed from which friction is not linear in the velocity.
-Half of it remarks on friction whose D_v is right within 3 % at all velocities."""
-MIN_DEAD_TIME_SAMPLES = 0.05
-"""Further dead time in samples on which there is a remark."""
+MIN_REMARKED_SHARE = 0.05
+"""Part of a sample that a further dead time is, or of the viscous force at the largest speed that a quadratic term is,
+from which there is a remark. Half of it remarks on friction whose D_v is right within 3 % at all velocities."""
 MAX_CURVE_SAMPLES = 2000
 """Samples of the curve of forces."""
 TITLES = {
@@ -27,16 +25,12 @@ TITLES = {
 }
 
 
-def report(signals: Signals, fit: FrictionFit, verdict: Finding | None = None) -> Result:
+def report(signals: Signals, fit: FrictionFit, remarks: Sequence[Finding] = ()) -> Result:
     """Return the result: numbers, errors and energy as metrics, forces as curves, and the friction model."""
     result = Result(
-        signals.outcome,
-        signals.findings,
-        metrics=tuple(_metrics(fit)),
-        curves=tuple(_curves(fit)),
-        fits=(_model(fit),),
+        signals.outcome, signals.findings, metrics=tuple(_metrics(fit)), curves=tuple(_curves(fit)), fits=(_model(fit),)
     )
-    return result.with_findings(verdict, *fit.problem.findings, *_findings(fit))
+    return result.with_findings(*remarks, *fit.problem.findings, *_findings(fit))
 
 
 def _findings(fit: FrictionFit) -> Iterator[Finding | str]:
@@ -63,7 +57,7 @@ def _findings(fit: FrictionFit) -> Iterator[Finding | str]:
         size = float(np.std(fit.stroke.force))
         yield Finding("remark", (Quantity(size, "N", "rms"),), text=text)
     dead_time, sample_time = fit.term("dead_time"), fit.problem.records[0].sample_time
-    if abs(dead_time) > max(_half_widths(fit).get("dead_time", 0.0), MIN_DEAD_TIME_SAMPLES * sample_time):
+    if abs(dead_time) > max(_half_widths(fit).get("dead_time", 0.0), MIN_REMARKED_SHARE * sample_time):
         text = "the thrust acts at another time than one that is held between samples and delayed as stated"
         remedy = "if you know better, set input_dead_time, or zero_order_hold"
         yield Finding("remark", (Quantity(dead_time, "s", "further dead time"),), text=text, remedy=remedy)
@@ -85,7 +79,7 @@ def _is_curved(fit: FrictionFit) -> bool:
     left = residual - value * own
     std = np.sqrt(left @ left / freedom * fit.problem.rows_per_noise / (own @ own))
     change = abs(value) * float(np.abs(velocity).max())
-    return bool(abs(value) > significant_deviation() * std and change > MIN_CURVATURE * abs(fit.term("viscous")))
+    return bool(abs(value) > significant_deviation() * std and change > MIN_REMARKED_SHARE * abs(fit.term("viscous")))
 
 
 def _model_error(fit: FrictionFit) -> Finding:

@@ -142,8 +142,6 @@ FILTER_HALF_LENGTH_STDS = 4.0
 """Half length of the low-pass filter in its standard deviations."""
 DIFFERENCE_ORDER = 8
 """Order of the differences that show noise: with half of it fast motion looks like noise."""
-EVEN = 0.5
-"""Samples by which a thrust that goes on between samples comes earlier than a held one."""
 TRIM_START, TRIM_END = 0.4, 0.15
 """Parts of a run that are left out: presliding and the loop settle at its start, and it brakes at its end."""
 MAX_VELOCITY_CHANGE = 0.1
@@ -421,6 +419,16 @@ class FrictionProblem:
         return ~np.isin(self.rows.cycle, self.held_out)
 
     @property
+    def is_judge(self) -> NDArray[np.bool_]:
+        """Whether a fit is judged by each row, shape (rows,): those that are held out, or all if none are."""
+        return self.is_fitted if self.is_fitted.all() else ~self.is_fitted
+
+    @property
+    def judging_rows(self) -> float:
+        """How many of these are independent, if the residual is noise."""
+        return max(float(self.is_judge.sum()) / self.rows_per_noise, 1.0)
+
+    @property
     def signed(self) -> int:
         """Number of terms of either sign."""
         return sum(term in SIGNED_TERMS for term in self.terms)
@@ -431,7 +439,7 @@ class FrictionProblem:
         A thrust is held between samples, as that of a controller, or goes on, as that of a force sensor, and is half a
         sample earlier: the mean of both is known to half of their difference.
         """
-        found, half = np.zeros((1, columns + 1)), EVEN / 2 * self.records[0].sample_time
+        found, half = np.zeros((1, columns + 1)), self.records[0].sample_time / 4
         if "dead_time" not in self.terms:
             return found[:0]
         found[0, self.terms.index("dead_time")] = self.row_std / half
@@ -481,8 +489,6 @@ START_FRACTIONS = 0.0, 1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4
 """Parts of a record between which its start may end; the rest of it is fitted."""
 MIN_START_RATIO, MIN_NEXT_RATIO = 4.0, 2.0
 """Residual in a part over that in the rest, root mean squares, from which the start is disturbed, and a next part."""
-MIN_REST_ROWS = 60
-"""Rows of the rest of a record of which the residual tells something."""
 
 
 def slides(records: Sequence[FrictionRecord], presliding_distance: float) -> tuple[NDArray[np.bool_], ...]:
@@ -514,7 +520,7 @@ def disturbed_start(rows: Rows, duration: float) -> tuple[float, list[str]]:
     limits = duration * np.array(START_FRACTIONS)
     columns, force, time = rows.columns, rows.force, rows.time
     rest = time >= limits[-1]
-    if rest.sum() < MIN_REST_ROWS:
+    if rest.sum() < Observation.min_rows:
         return 0.0, []
     scale = np.sqrt(np.mean(columns[rest] ** 2, axis=0))
     residual = force - columns @ (np.linalg.lstsq(columns[rest] / scale, force[rest], ROUNDING)[0] / scale)

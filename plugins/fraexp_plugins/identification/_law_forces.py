@@ -32,8 +32,8 @@ from fraexp_plugins.identification._law_numbers import (
 
 RELAXATIONS = (0.0, 0.6, 1.7)
 """Dampers of an element over the relaxation time."""
-REFINEMENT, MIN_SHARE = 4, 1e-5
-"""Parts of the gaps between an element's threshold and its neighbours, and least share of its force."""
+REFINEMENT = 4
+"""Parts of the gaps between an element's threshold and its neighbours."""
 LEAST_FORCE = float(np.finfo(float).tiny)
 """Least force of a model [N]: that of records without friction is 0."""
 
@@ -268,7 +268,7 @@ class GridElements(LawForces):
     def refine(self, sizes: NDArray[np.float64]) -> "GridElements":
         """Return elements with finer thresholds around those that have a force, of the same shape."""
         forces = self.element_forces(sizes)
-        places = np.flatnonzero(forces > MIN_SHARE * forces.sum())
+        places = np.flatnonzero(forces > ROUNDING * forces.sum())
         if not places.size:
             return self
         # each of many elements is small, and the grid fine enough

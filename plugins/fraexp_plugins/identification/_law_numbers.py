@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic.fields import FieldInfo
 
-from fraexp.api import ROUNDING, FrictionModel, ParameterError, Parameters
+from fraexp.api import CURVE_POINTS, ROUNDING, FrictionModel, ParameterError, Parameters
 
 EXPONENTS = {"N": (1, 0), "m": (0, 1), "N/m": (1, -1), "N s/m": (1, -1), "m/s": (0, 1), "N/s": (1, 0)}
 """Powers of the scales of force and deflection with which a parameter of this unit changes."""
@@ -23,7 +23,7 @@ STATIC_RATIO, START_RATIO = 1.2, 0.5
 DAMPING_RATIO, ATTRACTION_RATIO = 0.01, 10.0
 """Damping over that of the Coulomb force at the speed, and attraction over the stiffness times the speed."""
 Model = TypeVar("Model", bound=Parameters)
-CHECK_SAMPLES, CHECK_STEP_S = 400, 1e-3
+CHECK_STEP_S = 1e-3
 
 
 class Number(NamedTuple):
@@ -149,7 +149,7 @@ def unit_of_field(info: FieldInfo) -> str:
 
 
 def _is_scaled(model: FrictionModel, changed: FrictionModel, scales: tuple[float, float], stroke: float) -> bool:
-    motion = stroke * np.sin(np.linspace(0.0, 4 * np.pi, CHECK_SAMPLES)) * np.linspace(0.1, 1.0, CHECK_SAMPLES)
+    motion = stroke * np.sin(np.linspace(0.0, 4 * np.pi, CURVE_POINTS)) * np.linspace(0.1, 1.0, CURVE_POINTS)
     expected: NDArray[np.float64] = scales[0] * model.force(motion / scales[1], CHECK_STEP_S)
     found = changed.force(motion, CHECK_STEP_S)
     return bool(np.abs(found - expected).max() <= ROUNDING * np.abs(expected).max(initial=0.0))

@@ -29,6 +29,7 @@ from fraexp.api import (
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
 from fraexp_plugins.estimators._shared.realisations import Part, circular_covariance, combine_parts
 from fraexp_plugins.friction.none import Frictionless
+from fraexp_plugins.identification._law_comparison import Prediction
 from fraexp_plugins.identification._law_forces import GridElements, LawForces, virgin_curve
 from fraexp_plugins.identification._law_numbers import numbers_of
 from fraexp_plugins.identification._least_squares import derivatives
@@ -184,6 +185,16 @@ class LawFit:
     """Force of each column [N], shape (N,); empty for a hopeless law, which only the search has seen."""
     allowance: float = 0.0
     """The residual that noise explains by way of friction."""
+    equations: int = 1
+    """How many residuals there are."""
+
+    @property
+    def prediction(self) -> Prediction:
+        """How well it explains the records: what is allowed for tells no law from another.
+
+        Each equation that says that the axis is a free body is a parameter less.
+        """
+        return Prediction(max(self.residual, 1.0), self.equations, self.law.shape.size - self.equations)
 
     @property
     def coulomb(self) -> float:
@@ -215,7 +226,7 @@ class LawChoice:
     """Residual of each law that was tried."""
     dead_time: float
     """Dead time in addition to that of the observer [s]."""
-    failed: tuple[str, ...] = ()
+    left_out: tuple[Finding, ...] = ()
     """Which laws are left out, and why."""
 
     @property

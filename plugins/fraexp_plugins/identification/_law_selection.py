@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ from fraexp.api import (
     MAX_ITERATIONS,
     NORMAL_QUANTILE,
     ROUNDING,
-    FraexpError,
+    Finding,
     RecordError,
     Signals,
     significant_deviation,
@@ -25,9 +25,16 @@ from fraexp_plugins.friction.dahl import Dahl
 from fraexp_plugins.friction.elastoplastic import Elastoplastic
 from fraexp_plugins.friction.gms import GeneralizedMaxwellSlip
 from fraexp_plugins.friction.lugre import LuGre
-from fraexp_plugins.identification._law_forces import Law, LawForces, columns_of, rolling_elements, unit_law
-from fraexp_plugins.identification._law_numbers import STATIC_RATIO
-from fraexp_plugins.identification._law_report import ELEMENT_RANGE, GOOD, LawChoice, LawFit
+from fraexp_plugins.identification._law_comparison import equals_of_best, fit_each
+from fraexp_plugins.identification._law_forces import (
+    GridElements,
+    Law,
+    LawForces,
+    columns_of,
+    rolling_elements,
+    unit_law,
+)
+from fraexp_plugins.identification._law_report import ELEMENT_RANGE, LawChoice, LawFit
 from fraexp_plugins.identification._least_squares import HeldSum, inverse_square, minimise, solve_non_negative
 from fraexp_plugins.identification._line_records import LawSolution, LineRecords, some_frequencies
 
@@ -58,26 +65,38 @@ class LawSearch:
         """Return the dead time [s]."""
         return max(float(values[0]), 0.0) * self.records.sample_time
 
-    def solve(self, values: NDArray[np.float64], held: float | None = None) -> LawSolution:
-        """Return the sizes and residuals; with `held` the Coulomb force is that [N]."""
+    def solve(self, values: NDArray[np.float64]) -> LawSolution:
+        """Return the sizes and residuals."""
         law = self.law(values)
-        return self.records.solve(law, self.records.deflection(law), self.dead_time(values), held)
+        return self.records.solve(law, self.records.deflection(law), self.dead_time(values))
 
-    def cost(self, values: NDArray[np.float64], held: float | None = None) -> float:
+    def cost(self, values: NDArray[np.float64]) -> float:
         """Return the sum of squares."""
-        return float(np.sum(self.solve(values, held).residual ** 2))
+        return float(np.sum(self.solve(values).residual ** 2))
 
     def robust_cost(self, values: NDArray[np.float64]) -> float:
         """Return what no record decides alone."""
         return float(np.sum(np.log1p(self.solve(values).residual ** 2)))
 
-    def minimised(
-        self,
-        start: NDArray[np.float64],
-        held: float | None = None,
-        trials: int = MAX_ITERATIONS,
-        is_robust: bool = False,
-    ) -> NDArray[np.float64]:
+    def beside_excess(self, start: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return values whose further forces are the excess that explains most of the records, to first order.
+
+        Without an excess no number of a Stribeck effect changes a force, and with one that is too large the best such
+        effect is one that the records do not show: a search finds neither way.
+        """
+        free = [1 + place for place, unit in enumerate(self.law_at_start.units) if unit == "N"]
+        if not free:
+            return start
+        values = start.copy()
+        values[free] = np.log(ROUNDING)
+        before = self.solve(values).residual
+        values[free] = np.log(COARSE_DIFFERENCE)
+        slope = (self.solve(values).residual - before) / COARSE_DIFFERENCE
+        excess = -float(slope @ before) / max(float(slope @ slope), ROUNDING)
+        values[free] = np.log(max(excess, COARSE_DIFFERENCE))
+        return values
+
+    def minimised(self, start: NDArray[np.float64], is_robust: bool = False) -> NDArray[np.float64]:
         """Return the values that leave least, from a start on; a linear law keeps its shape."""
         is_free = np.arange(start.size) >= 1 - self._is_delayed
         is_free[1:] &= not self.law_at_start.is_linear
@@ -92,10 +111,10 @@ class LawSearch:
         low, high = start - MAX_SHIFT, start + MAX_SHIFT
         low[0], high[0] = -1e-9, MAX_DEAD_TIME
         found, _ = minimise(
-            lambda free: self.solve(complete(free), held).residual,
+            lambda free: self.solve(complete(free)).residual,
             start[is_free],
             (low[is_free], high[is_free]),
-            trials,
+            MAX_ITERATIONS,
             x_scale=SHAPE_STEP,
             diff_step=COARSE_DIFFERENCE,
             ftol=CONVERGED / 10,
@@ -105,8 +124,6 @@ class LawSearch:
         return complete(found)
 
 
-RIDGE_RATIO = 1e-6
-"""Weight of a ridge over that of the largest column: it decides between columns that are equal."""
 ALTERNATIVE_VELOCITIES, ALTERNATIVE_RATES_S, ALTERNATIVE_EXCESS = (0.1, 0.4, 1.0), (12.0, 60.0), 0.05
 """Stribeck velocities over the largest velocity, rates of attraction over the Coulomb force, and static over Coulomb
 force less 1, of a Stribeck effect beside a law, by which its Coulomb force is judged."""
@@ -114,15 +131,8 @@ INCOMPLETE_RATIO = 2.0
 """Factor on the change of the Coulomb force where a Stribeck effect beside a law explains more of the records."""
 LUMPS = 6
 """Number of elements that weaken beside a law."""
-MIN_EXCESS_RATIO = 1e-3
-"""Static over Coulomb force, less 1, over that of a Stribeck effect, which is none."""
 NEIGHBOURHOOD = 3
 """Places on the grid around an element at which another one may be in its place."""
-FIRST_CHANGE, MAX_CHANGE = 0.01, 0.08
-"""Relative change of the Coulomb force that is tried first, and the one from which the interval is wide enough to be of
-no use; each change is twice the one before."""
-CHANGE_TRIALS = 6
-"""Steps of the shape at each change at most."""
 
 
 def sum_interval(
@@ -140,7 +150,8 @@ def sum_interval(
     count = matrix.shape[1]
     triangle = np.linalg.qr(np.column_stack([matrix, target])).R
     reduced, right = triangle[:, :-1], triangle[:, -1]
-    ridge = RIDGE_RATIO * float(np.linalg.norm(reduced, axis=0).max()) * np.eye(count)
+    # a ridge decides between columns that are equal
+    ridge = ROUNDING * float(np.linalg.norm(reduced, axis=0).max()) * np.eye(count)
     rows, ends = np.concatenate([reduced, ridge]), np.append(right, np.zeros(count))
     best = solve_non_negative(rows, ends)
     total, least = float(best[chosen].sum()), float(np.sum((reduced @ best - right) ** 2))
@@ -235,7 +246,7 @@ def _weakening_columns(
         for rate in ALTERNATIVE_RATES_S:
             sizes_of = [
                 {"N": excess, "m/s": part * records.speed, "N/s": rate}
-                for excess in (ALTERNATIVE_EXCESS, MIN_EXCESS_RATIO * ALTERNATIVE_EXCESS)
+                for excess in (ALTERNATIVE_EXCESS, COARSE_DIFFERENCE * ALTERNATIVE_EXCESS)
             ]
             few = [replace(weakening, shape=weakening.starting_at(each)) for each in sizes_of]
             changed, plain = (records.deflection(each) @ forces for each in few)
@@ -252,56 +263,21 @@ def _lumped(law: LawForces, sizes: NDArray[np.float64]) -> tuple[NDArray[np.floa
     return np.interp(levels, force + 1e-12 * force[-1] * np.arange(x.size), x), np.full(LUMPS, coulomb / LUMPS)
 
 
-def profile_interval(search: LawSearch, dead_time: float, stds: float) -> tuple[float, float]:
-    """Return the least and greatest Coulomb force [N] of a law by some standard deviations, by what it leaves.
-
-    At each force dead time, shape and sizes are found anew: derivatives at the best shape do not show how far the force
-    may go, as friction that weakens slowly is Coulomb friction of another size, with a shape far away. Beyond
-    `MAX_CHANGE` an end is not looked for.
-    """
-    best = search.values(search.law_at_start, dead_time)
-    force, least = float(search.solve(best).sizes[search.law_at_start.is_coulomb].sum()), search.cost(best)
-    rise = stds**2 * least / search.records.equations
-
-    def end(sign: float) -> float:
-        """Return an end [N] by the root of the rise, which is linear near the best."""
-        change, before, values = FIRST_CHANGE, (0.0, 0.0), best
-        while True:
-            held = force * (1 + sign * change)
-            values = search.minimised(values, held, CHANGE_TRIALS)
-            size = float(np.sqrt(max(search.cost(values, held) - least, 0.0) / rise))
-            if size >= 1 or change >= MAX_CHANGE:
-                part = min((1 - before[1]) / (size - before[1]), 1.0) if size > before[1] else 1.0
-                return force * (1 + sign * (before[0] + part * (change - before[0])))
-            before, change = (change, size), 2 * change
-
-    return end(-1.0), end(1.0)
-
-
 SEARCH_STEP, SEARCH_OVERSAMPLING = 3, 2
 """Every third frequency is taken in the search for a law, and that many points per sample; all of them judge it."""
 FAST_LAWS, SLOW_LAWS = (Dahl, LuGre, Elastoplastic), (GeneralizedMaxwellSlip,)
 """Other laws that fraexp has, the cheapest first: those of elements come after a user's own."""
-START_WIDTH = 4e-3
-"""Width over the motion of a law at its start."""
 THRESHOLD_COUNTS = 80, 40
 """Numbers of thresholds of rolling elements, and of others."""
-START_WIDTHS, START_VELOCITIES = np.geomspace(1e-4, 0.16, 9), ((3e-3, 3e-2), (0.1, 0.3, 1.0))
-"""Widths over the largest motion, and Stribeck over largest velocities, at which a search may begin, and those at which
-a second one does where the first has led to no good law: weakening in fast sliding alone looks like none."""
+START_PARTS = np.linspace(0.0, 1.0, 5)
+"""Parts of what the records contain below which a size lies with which a search may begin. A start that is wrong by a
+factor of three leads as far: half as many leave factors of ten between the velocities of records of a wide band."""
 START_RELAXATIONS = (0.03, 0.15, 0.75, 3.0, 12.0)
 """Relaxation times over the sample time, one of which is taken: up to 1.7 times as long ones are made of it."""
-START_RATES_S = (10.0, 60.0)
-"""Rates of attraction over the Coulomb force [1/s] at which a search begins."""
-START_DEAD_TIMES = (0.5, 1.5, 3.0, 5.0)
-"""Dead times at which a search may begin [samples]."""
 HOPELESS_RATIO = 2.0
 """Residual in a search over that of the best law from which a law is not looked at any further."""
-EQUAL_RATIO = 1.3
-"""Residual over that of the best law up to which a law is as good, and an axis is a free body."""
-NARROW_RANGES, NARROW_RATIO = (0.05, 0.2), 1.15
-"""Widths over the largest motion beyond which a law may have no elements, and residual without these over that with
-them up to which they are left out."""
+NARROW_RANGES = 0.05, 0.2
+"""Widths over the largest motion beyond which a law may have no elements."""
 
 
 class LawSelection:
@@ -326,50 +302,64 @@ class LawSelection:
             )
         self._few = self._some = LineRecords.of(some_frequencies(signals, SEARCH_STEP), self._coarse, model_error)
         self._fits: list[LawFit] = []
-        self._failed: list[str] = []
         self._doubts: dict[LawFit, LawUncertainty] = {}
 
     def choose(self, laws: Sequence[Law], is_any: bool) -> LawChoice:
-        """Return the best of a free set of elements and some laws, of those that fraexp has too if `is_any`."""
-        profiles: dict[int, LawSearch] = {}
-        for law, starts in self._families(laws, is_any):
-            place, most = len(self._fits), HOPELESS_RATIO * min((each.residual for each in self._fits), default=np.inf)
-            try:
-                fit = self._best_of(law, starts, most)
-            except FraexpError as error:
-                if not self._fits:
-                    raise
-                self._failed.append(f"the law {law.name} is left out: {error}")
-                continue
-            self._fits.append(fit if fit.residual > most else self._judged(fit, self._records))
-            self._weigh_by(place)
-            if self._fits[place].explains and law.units and not law.is_linear:
-                self._fits[place], profiles[place] = self._shaped(self._fits[place])
-            if self._fits[place].explains:
-                self._weigh_by(place)  # once more: its sizes have changed, and perhaps its shape
-            if self._fits[place].is_good and self._uncertainty(self._fits[place], is_any).is_complete:
-                break
-        return self._chosen(profiles, is_any)
+        """Return the best of a free set of elements and some laws, of those that fraexp has too if `is_any`.
 
-    def _chosen(self, profiles: dict[int, LawSearch], is_any: bool) -> LawChoice:
-        fits = self._fits
-        best = fits.index(_best(fits))
-        equals = [fit for fit in fits if fit.sizes.size and fit.residual <= EQUAL_RATIO * fits[best].residual]
-        doubts = [self._uncertainty(fit, is_any) for fit in equals]
-        for fit, doubt in zip(equals, doubts, strict=True):
-            if fit.is_good and doubt.is_complete:  # no other law would have been tried
-                best, doubts = fits.index(fit), [doubt]
-                break
-        chosen = self._without_springs(fits[best])
+        None is tried after one that leaves as little as any can, and beside which no Stribeck effect explains more.
+        """
+
+        def is_last(fit: LawFit) -> bool:
+            return fit.is_good and self._uncertainty(fit, is_any).is_complete
+
+        candidates: list[Law] = [*FAST_LAWS, *laws, *SLOW_LAWS] if is_any else list(laws)
+        elements, left_out = self._with_elements(is_any), list[Finding]()
+        if candidates and not is_last(elements):
+            fit = partial(self._with_law, stated=laws)
+            _, left_out = fit_each(candidates, fit, lambda law: law.name, is_last)
+        judged = (fit for fit in self._fits if fit.sizes.size)
+        equals = [fit for _, fit in equals_of_best(judged, lambda fit: fit.prediction)]
+        best = next(filter(is_last, equals), equals[0])
+        doubts = [self._uncertainty(each, is_any) for each in (equals if not is_last(best) else [best])]
+        chosen = self._without_springs(best)
         doubt = self._uncertainty(chosen, is_any)
-        intervals = [doubt.interval, *(each.interval for each in doubts)]
-        if best in profiles:
-            intervals.append(profile_interval(profiles[best], fits[best].dead_time, significant_deviation()))
-        interval = min(low for low, _ in intervals), max(high for _, high in intervals)
-        tried = {fit.law.name: fit.residual for fit in fits}
-        return LawChoice(
-            chosen, doubt.covariance, interval, self._records, tried, chosen.dead_time, tuple(self._failed)
-        )
+        ends = np.array([each.interval for each in (doubt, *doubts)])
+        interval = float(ends[:, 0].min()), float(ends[:, 1].max())
+        tried = {fit.law.name: fit.residual for fit in self._fits}
+        return LawChoice(chosen, doubt.covariance, interval, self._records, tried, chosen.dead_time, tuple(left_out))
+
+    def _with_elements(self, is_any: bool) -> LawFit:
+        """Return the fit of a free set of elements, with dampers if they may be `is_any`, to which others compare."""
+        thresholds = self._bare.swing * np.geomspace(*ELEMENT_RANGE, THRESHOLD_COUNTS[0])
+        times = [ratio * self._bare.sample_time for ratio in START_RELAXATIONS] if is_any else [None]
+        shapes = [rolling_elements(thresholds, time).shape for time in times]
+        delays = MAX_DEAD_TIME * START_PARTS if self._is_delayed else np.zeros(1)
+        starts = [np.array([delay, *shape]) for shape in shapes for delay in delays]
+        return self._fitted(rolling_elements(thresholds, times[0]), starts)
+
+    def _with_law(self, given: Law, stated: Sequence[Law]) -> LawFit:
+        """Return the fit of a law that begins where the elements end, and at its own numbers if it is a `stated` one."""
+        thresholds, sizes = self._bare.swing * np.geomspace(*ELEMENT_RANGE, THRESHOLD_COUNTS[1]), self._sizes()
+        unit = unit_law(given, float(np.median(sizes["m"])), self._bare.speed)
+        law = columns_of(unit, thresholds, 2 * float(self._bare.frequency.min()))
+        search, delay = LawSearch(self._some, law, self._is_delayed), self._fits[0].dead_time / self._bare.sample_time
+        starts = [search.beside_excess(np.array([delay, *shape])) for shape in _starts(law, sizes)]
+        starts += [np.array([delay, *law.starting_at({})])] if given in stated else []
+        starts += [np.array([delay, *_starts(law, known)[0]]) for known in self._known_sizes()]
+        return self._fitted(law, starts)
+
+    def _fitted(self, law: LawForces, starts: Sequence[NDArray[np.float64]]) -> LawFit:
+        """Return the law to which the best start leads, by all records unless it is hopeless."""
+        place, most = len(self._fits), HOPELESS_RATIO * min((each.residual for each in self._fits), default=np.inf)
+        fit = self._searched(law, starts)
+        self._fits.append(fit if fit.residual > most else self._judged(fit, self._records))
+        self._weigh_by(place)
+        if self._fits[place].explains and law.units and not law.is_linear:
+            self._fits[place] = self._shaped(self._fits[place])
+        if self._fits[place].explains:
+            self._weigh_by(place)  # once more: its sizes have changed, and perhaps its shape
+        return self._fits[place]
 
     def _uncertainty(self, fit: LawFit, is_any: bool) -> LawUncertainty:
         if fit not in self._doubts:
@@ -381,25 +371,23 @@ class LawSelection:
         """All records, along whose motions the steps take half as long as those by which a law is judged."""
         return LineRecords.of(self._signals, self._coarse, self._model_error)
 
-    def _families(
-        self, laws: Sequence[Law], is_any: bool
-    ) -> Iterator[tuple[LawForces, list[list[NDArray[np.float64]]]]]:
-        """Yield laws of some shape, the cheapest ones first, and the shapes at which each search may begin."""
-        largest, velocity = self._bare.swing, self._bare.speed
-        some, few = (largest * np.geomspace(*ELEMENT_RANGE, count) for count in THRESHOLD_COUNTS)
-        times = [ratio * self._bare.sample_time for ratio in START_RELAXATIONS] if is_any else [None]
-        elements = rolling_elements(some, times[0])
-        yield elements, [[rolling_elements(some, time).shape for time in times]]
-        lowest = 2 * float(self._bare.frequency.min())
-        sizes = {"m": largest * START_WIDTHS, "N/s": np.array(START_RATES_S), "N": np.array([STATIC_RATIO - 1])}
-        built_in = (FAST_LAWS, SLOW_LAWS) if is_any else ((), ())
-        for each in (*built_in[0], *laws, *built_in[1]):
-            law = columns_of(unit_law(each, START_WIDTH * largest, velocity), few, lowest)
-            slow, fast = ({**sizes, "m/s": velocity * np.array(ratios)} for ratios in START_VELOCITIES)
-            begins = [law.starting_at({})] if each in laws else []
-            for known in ({}, *self._known_sizes()):
-                begins += _starts(law, {**slow, **known})
-            yield law, [begins, *([_starts(law, fast)] if "m/s" in law.units else [])]
+    def _sizes(self) -> dict[str, NDArray[np.float64]]:
+        """Return sizes of what the records contain, by their unit, shape (n,) each, at which a search may begin.
+
+        Widths are those at which parts of the elements slip, and those of the laws before, velocities those of the
+        excited lines, and rates of attraction their frequencies.
+        """
+        elements, records = self._fits[0], self._bare
+        assert isinstance(elements.law, GridElements)
+        slipping = np.cumsum(elements.law.element_forces(elements.sizes))
+        widths = np.interp(START_PARTS[1:-1] * slipping[-1], slipping, elements.law.thresholds)
+        omega = 2 * np.pi * records.frequency
+        excited = (omega[:, None] * np.abs(records.motion))[records.known & records.is_excited[:, None]]
+        return {
+            "m": np.concatenate([widths, *(known["m"] for known in self._known_sizes() if "m" in known)]),
+            "m/s": np.geomspace(excited.min(), excited.max(), START_PARTS.size),
+            "N/s": np.geomspace(omega.min(), omega[records.is_excited].max(), START_PARTS.size),
+        }
 
     def _known_sizes(self) -> Iterator[dict[str, NDArray[np.float64]]]:
         """Yield what the laws that were fitted say of the width, the Stribeck effect and the rates of another one."""
@@ -408,17 +396,9 @@ class LawSelection:
             known |= {"m": 1 / known["N/m"]} if "N/m" in known else {}
             yield {unit: value for unit, value in known.items() if unit in ("m", "N/s", "N", "m/s")}
 
-    def _best_of(self, law: LawForces, starts: Sequence[Sequence[NDArray[np.float64]]], most: float) -> LawFit:
-        """Return the law to which a search leads, or a second one if the first leads to no good law with some hope."""
-        fit = self._searched(law, starts[0])
-        others = [self._searched(law, each) for each in starts[1:] if GOOD < fit.residual <= most]
-        return min((fit, *others), key=lambda each: each.residual)
-
-    def _searched(self, law: LawForces, begins: Sequence[NDArray[np.float64]]) -> LawFit:
+    def _searched(self, law: LawForces, starts: Sequence[NDArray[np.float64]]) -> LawFit:
         """Return the law to which the best start leads, with a grid that is refined once."""
         search = LawSearch(self._some, law, self._is_delayed)
-        delays = START_DEAD_TIMES if self._is_delayed else (0.0,)
-        starts = [np.array([delay, *start]) for start in begins for delay in delays]
         best = min(starts, key=search.robust_cost)
         if not search.solve(best).sizes.any():  # a search that begins with no force finds none
             best = min(starts, key=search.cost)
@@ -440,7 +420,7 @@ class LawSelection:
         model = fit.law.model(sizes, 0.0)
         noise = np.abs(some.force(model, some.shaken_motions(0)) - some.force(model)) ** 2 / some.variance
         allowance = float(np.sqrt(np.sum(noise[some.known]) / some.equations))
-        return LawFit(fit.law, fit.dead_time, residual, sizes, allowance)
+        return LawFit(fit.law, fit.dead_time, residual, sizes, allowance, records.equations)
 
     def _weigh_by(self, place: int) -> None:
         """Weight the records by what noise does by way of a law, if none is better."""
@@ -450,12 +430,12 @@ class LawSelection:
         self._doubts.clear()
         self._some, weighted = (each.with_friction_noise(fit.law, fit.sizes) for each in (self._few, self._bare))
         plain, free = (self._judged(fit, records) for records in (weighted, weighted.as_free_body()))
-        is_free = free.residual <= EQUAL_RATIO * max(plain.residual, 1.0)  # not where a mode or a spring is near
+        is_free = free.prediction.equals(plain.prediction)  # not where a mode or a spring is near
         self._records = weighted.as_free_body() if is_free else weighted
         self._fits = [self._judged(each, self._records) if each.sizes.size else each for each in self._fits]
 
-    def _shaped(self, fit: LawFit) -> tuple[LawFit, LawSearch]:
-        """Return a law of the best shape by all records, and the search that has led to it.
+    def _shaped(self, fit: LawFit) -> LawFit:
+        """Return a law of the best shape by all records.
 
         Where the coarser steps do not lead to a good law, the finer ones by which it is judged follow.
         """
@@ -467,7 +447,7 @@ class LawSelection:
             fit = _best([fit, self._judged(shaped, self._records)])
             if fit.is_good:
                 break
-        return fit, LawSearch(weighted, fit.law, self._is_delayed)
+        return fit
 
     def _without_springs(self, fit: LawFit) -> LawFit:
         """Return a law without its widest elements, if they explain hardly anything, else the law.
@@ -481,7 +461,7 @@ class LawSelection:
             narrow = thresholds[thresholds <= part * self._records.swing]
             if 1 < narrow.size < thresholds.size:
                 found = self._judged(replace(fit, law=replace(fit.law, thresholds=narrow)), self._records)
-                if found.residual <= NARROW_RATIO * fit.residual:
+                if found.prediction.equals(fit.prediction):
                     return found
         return fit
 

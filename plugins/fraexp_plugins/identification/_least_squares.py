@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from fraexp.api import ROUNDING, RecordError
 
-HOLD_WEIGHT = 1e4
-"""Weight of the equation that holds a sum, over that of a column."""
+HOLD_WEIGHT = ROUNDING**-0.5
+"""Weight of the equation that holds a sum, over that of a column: it takes a quarter of a double's digits."""
 Residuals = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 

@@ -23,7 +23,7 @@ from fraexp_plugins.estimators._shared.effective_input_observer import CACHE_BYT
 from fraexp_plugins.estimators._shared.realisations import mean
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification._law_forces import LawForces
-from fraexp_plugins.identification._least_squares import HeldSum, solve_non_negative
+from fraexp_plugins.identification._least_squares import solve_non_negative
 from fraexp_plugins.identification._usable_records import SAMPLE_TIME_TOLERANCE, with_harmonics
 
 MIN_HARMONIC_SAMPLES = 50
@@ -263,22 +263,12 @@ class LineRecords:
             matrix, target = np.concatenate([matrix, rows[:, :-1]]), np.append(target, rows[:, -1])
         return LinearProblem(matrix, target, offset, slopes, power)
 
-    def solve(
-        self,
-        law: LawForces,
-        deflection: NDArray[np.complex128],
-        dead_time: float,
-        held: float | None = None,
-    ) -> LawSolution:
-        """Return the sizes >= 0 of the columns by least squares, with a 1/P at each line and this dead time [s].
-
-        With `held` the Coulomb force is that [N].
-        """
+    def solve(self, law: LawForces, deflection: NDArray[np.complex128], dead_time: float) -> LawSolution:
+        """Return the sizes >= 0 of the columns by least squares, with a 1/P at each line and this dead time [s]."""
         problem = self.problem(deflection, dead_time)
         prior = np.diag(1 / self.prior(law)) if law.thresholds.size else np.empty((0, problem.matrix.shape[1]))
         matrix, target = np.concatenate([problem.matrix, prior]), np.append(problem.target, np.zeros(len(prior)))
-        held_sum = None if held is None else HeldSum(law.is_coulomb, held)
-        sizes = solve_non_negative(matrix, target, held=held_sum)
+        sizes = solve_non_negative(matrix, target)
         return LawSolution(sizes, problem.target - problem.matrix @ sizes, problem)
 
     def prior(self, law: LawForces) -> NDArray[np.float64]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    COARSE_DIFFERENCE,
     CURVE_POINTS,
     NORMAL_QUANTILE,
     SIGNIFICANCE,
@@ -17,16 +18,15 @@ from fraexp.api import (
     Fit,
     FrictionModel,
     Metric,
+    RecordError,
     Result,
     Signals,
     frequency_text,
 )
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
 from fraexp_plugins.estimators._shared.realisations import Part, combine_parts, realisation_groups
-from fraexp_plugins.identification._law_numbers import (
-    numbers_of,
-    scaled_friction,
-)
+from fraexp_plugins.identification._law_comparison import fit_each
+from fraexp_plugins.identification._law_numbers import numbers_of, scaled_friction
 from fraexp_plugins.identification._likelihood import LinearRecord, NoiseLevel, greatest_ratio, likely_noise
 from fraexp_plugins.identification._machine_problem import NOISE, SCALES, MachineProblem, Models
 from fraexp_plugins.identification._modal_model import parameter_symbol
@@ -38,7 +38,7 @@ from fraexp_plugins.identification._motion_start import (
     fits_along_motion,
     spread_records,
 )
-from fraexp_plugins.identification._record_fit import HOPELESS_RATIO, LinearisedFit, RecordFit, State
+from fraexp_plugins.identification._record_fit import HOPELESS_RATIO, SMALL_STEP, LinearisedFit, RecordFit, State
 from fraexp_plugins.identification._replayed_record import Trial, positions_of
 from fraexp_plugins.plants.modal import Modal
 
@@ -91,10 +91,9 @@ def _moved(linear: LinearisedFit, changes: Sequence[NDArray[np.float64]]) -> lis
     return [a._replace(residual=a.residual + b) for a, b in zip(linear.records, changes, strict=True)]
 
 
-MIN_INDEPENDENCE, DIRECTION_SIZES = 1e-3, (5e-4, 0.02)
-"""Least eigenvalue of the information of parameters in units of what each tells alone, below which they act alike, and
-the least and greatest changes of logarithms by which derivatives, right to about 1e-3, are taken
-then."""
+MIN_INDEPENDENCE = 1e-3
+"""Least eigenvalue of the information of parameters in units of what each tells alone, below which they act alike, as
+their derivatives are right to about as much."""
 
 
 @dataclass(frozen=True)
@@ -217,7 +216,7 @@ def along_directions(found: Fitted) -> Fitted:
     if np.linalg.eigvalsh(information / np.outer(scale, scale))[0] > MIN_INDEPENDENCE:
         return found
     squares, directions = np.linalg.eigh(covariance)
-    sizes = np.clip(np.sqrt(np.maximum(squares, 0)), *DIRECTION_SIZES)
+    sizes = np.clip(np.sqrt(np.maximum(squares, 0)), COARSE_DIFFERENCE, SMALL_STEP)
     fit = replace(found.fit, directions=directions * sizes)
     return Fitted(fit, *fit.converge(found.state))
 
@@ -243,7 +242,6 @@ def with_own_responses(found: Fitted) -> Fitted:
     return replace(whole, error=replay_error(whole, found))
 
 
-NUMBERS_OF_A_MODE = 3
 MAX_REFINEMENTS = 2
 """How often the replay's steps are refined, fourfold each time, while they falsify the result."""
 
@@ -274,13 +272,14 @@ def joint_fit(problem: MachineProblem, starts: Sequence[MotionFit] = ()) -> tupl
     `starts` are fits along the motion, if they are known. A start that is far from explaining the records is given up
     after a few steps, unless it is the only one.
     """
-    starts, found = starts or fits_along_motion(problem), list[Fitted]()
-    for start in starts:
+    starts = starts or fits_along_motion(problem)
+
+    def fit_from(start: MotionFit) -> Fitted:
         fit = RecordFit.around(problem, start.plant)
-        found.append(_converged(problem, fit, start.shared, gives_up=len(starts) > 1))
-        if found[-1].explains:
-            break
-    return min(found, key=lambda each: each.mean_ratio), len(found)
+        return _converged(problem, fit, start.shared, gives_up=len(starts) > 1)
+
+    found, left_out = fit_each(starts, fit_from, is_last=lambda each: each.explains)
+    return min(found, key=lambda each: each.mean_ratio), len(found) + len(left_out)
 
 
 def predicted_ratios(problem: MachineProblem, found: Fitted, signals: Signals) -> tuple[NDArray[np.float64], float]:
@@ -315,7 +314,10 @@ def _whole(problem: MachineProblem, fit: RecordFit, before: Fitted) -> Fitted:
     logs = before.state.shared[: len(problem.free.names)]
     models = before.fit.free.applied_to(before.fit.start, before.state.shared)
     effective = MotionRecords.of(problem).effective(models)
-    alone = without_plant(replace(fit, free=problem.free), logs, effective)
+    try:
+        alone = without_plant(replace(fit, free=problem.free), logs, effective)
+    except RecordError:  # it diverges, and the joint fit did not
+        return whole
     if alone.mean_ratio > whole.mean_ratio:
         return whole
     return replace(alone, error=replay_error(alone))
@@ -332,7 +334,7 @@ def _without_untold_modes(problem: MachineProblem, joint: Fitted) -> Fitted:
         return joint
     count, std = len(plant.frequencies), np.sqrt(np.diag(joint.covariances[0])[len(problem.free.names) :])
     samples = sum(record.residual.size for record in joint.linear.records)
-    is_told = NUMBERS_OF_A_MODE * np.log(samples) * std.max(initial=0.0) ** 2 < 1  # by Wald's test
+    is_told = 3 * np.log(samples) * std.max(initial=0.0) ** 2 < 1  # by Wald's test of the three numbers of a mode
     if not count or not joint.explains or is_told:
         return joint
     logs = joint.state.shared[: len(problem.free.names)]

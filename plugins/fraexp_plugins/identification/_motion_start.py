@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from fraexp.api import (
     COARSE_DIFFERENCE,
+    CONVERGED,
     FrequencyResponse,
     FrictionModel,
     Motion,
@@ -205,8 +206,6 @@ forty lines."""
 ITERATIONS = 4
 """Times that the linear fit is repeated with the denominator of the one before as its weight. With two the error near
 modes still falls."""
-PRECISION = 2e-3
-"""Step of a logarithm of a scale with which a search in a valley ends: a start need not be better."""
 MAX_LINES = 40
 """Lines, spread over all, that are compared. It bounds the time; rational functions have thirteen numbers at most."""
 
@@ -250,7 +249,7 @@ class ScaleSearch:
             np.meshgrid([0.0, -1.0, 1.0], [0.0, -1.0, 1.0]), axis=-1
         ).reshape(-1, 2)
         width = float(self.grid[1] - self.grid[0]) / 2
-        while width > PRECISION:
+        while width > CONVERGED:
             best = int(np.argmin(self.costs(point + width * around)))
             point, width = point + width * around[best], width / 2 if best == 0 else width
         return np.asarray(point)
@@ -315,10 +314,10 @@ def _least_squares(columns: NDArray[np.complex128]) -> NDArray[np.float64]:
 FORCE_RATIO, FORCE_RANGE = 0.55, 5.5
 """Coulomb force over the largest control input that is tried first, and the largest factor on it: from a tenth of that
 input to three times it."""
-WIDTH_RATIOS = (1 / 3, 1 / 27, 1 / 243)
-"""Presliding distances over the largest motion, each of which stands for those within a factor of three."""
-ELEMENTS, MIN_KNOT_RATIO, MAX_KNOT_RATIO = 20, 0.01, 2.2
-"""Elements of the curve, and its knots over the presliding distance."""
+WIDTH_RATIOS = RANGE ** -np.array([1.0, 3.0, 5.0])
+"""Presliding distances over the largest motion, each of which stands for those within the range."""
+MIN_KNOT_RATIO, MAX_KNOT_RATIO = 0.01, 2.2
+"""Knots of the curve over the presliding distance."""
 STRIBECK_RATIO, VISCOUS_RATIO = 0.1, 0.05
 """Stribeck over largest velocity, and viscous over Coulomb force at that velocity."""
 
@@ -333,12 +332,10 @@ class RoughFriction(NamedTuple):
     velocity: float
     """Largest velocity of the records [m/s]."""
 
-    def curve(self, elements: int) -> VirginCurve:
-        """Return an exponential curve that so many elements follow."""
-        return VirginCurve(
-            coulomb_force=self.force, characteristic_displacement=self.width, elements=elements,
-            min_knot=MIN_KNOT_RATIO * self.width, max_knot=MAX_KNOT_RATIO * self.width,
-        )  # fmt: skip
+    def curve(self, **given: int) -> VirginCurve:
+        """Return an exponential curve that as many elements as usual follow, or as given."""
+        knots = {"min_knot": MIN_KNOT_RATIO * self.width, "max_knot": MAX_KNOT_RATIO * self.width}
+        return VirginCurve(coulomb_force=self.force, characteristic_displacement=self.width, **knots, **given)
 
     def model(self, law: type[FrictionModel]) -> FrictionModel:
         """Return a model of any law, elements along the curve; ParameterError for one that needs numbers unknown here.
@@ -347,8 +344,8 @@ class RoughFriction(NamedTuple):
         """
         viscous = {VISCOUS: VISCOUS_RATIO * self.force / self.velocity} if VISCOUS in law.model_fields else {}
         if issubclass(law, ElementModel):
-            return law.parse({"curve": self.curve(ELEMENTS), **viscous}, law.name)
-        stiffness, force = map(np.array, self.curve(LAW_ELEMENTS).stiffness_and_force())
+            return law.parse({"curve": self.curve(), **viscous}, law.name)
+        stiffness, force = map(np.array, self.curve(elements=LAW_ELEMENTS).stiffness_and_force())
         speed = STRIBECK_RATIO * self.velocity
         return rough_model(law, (stiffness, force), speed, with_damping=True).model_copy(update=viscous)
 
@@ -384,16 +381,11 @@ def _velocity(signals: Signals, observer: EffectiveInput) -> float:
     return max(speeds)
 
 
-START_LOG_STD = 1.0
-"""Standard deviation of the logarithms of friction's parameters around the start: a start may be wrong by a factor of
-three. With half of it a start of a named law is not left."""
 MAX_ITERATIONS, MAX_STARTS, MAX_ROUNDS, MORE_MODES = 15, 2, 4, 3
 """Maximum numbers of steps of a search, of starts, of rounds from each, and of modes that a round adds. They bound the
 time: half of the last two loses plants of five modes."""
 FRICTION_ERRORS = (0.01, 0.001)
 """By how much friction may be wrong where a plant is looked for: at a start, and after a search."""
-EXPLAINED = 1.0
-"""Residual over what is allowed for up to which no other start is tried."""
 
 
 @dataclass(frozen=True)
@@ -451,24 +443,26 @@ class _Search:
 
     @property
     def _known(self) -> NDArray[np.float64]:
-        """Rows that hold friction's parameters but the dead time, shape (p, p + plant)."""
-        weights = [0.0 if name == DEAD_TIME else 1 / START_LOG_STD for name in self.free.friction]
-        return np.pad(np.diag(weights), ((0, 0), (0, len(self.free.plant))))
+        """Rows that hold the logarithms of friction's parameters but the dead time, shape (p, p + plant).
+
+        Their standard deviation is 1: a start may be wrong by a factor of three.
+        """
+        return np.pad(np.diag([float(n != DEAD_TIME) for n in self.free.friction]), ((0, 0), (0, len(self.free.plant))))
 
 
-def fits_along_motion(problem: MachineProblem, begin: int = 0, end: int = MAX_STARTS) -> list[MotionFit]:
+def fits_along_motion(problem: MachineProblem) -> list[MotionFit]:
     """Return plant and friction with which a law explains the measured motion, from the best starts, the best first.
 
-    The starts are those from `begin` on before `end`; none is tried after one that explains the motion.
+    None is tried after one that explains the motion.
     The one position of a machine with several contacts does not say how each of them moves: its start is the given one.
     """
     if problem.frictions:
         assert problem.nominal_plant is not None
         return [MotionFit(problem.nominal_plant, np.zeros(len(problem.free.names)), np.nan)]
     records, found = MotionRecords.of(problem), list[MotionFit]()
-    for start in islice(_starts(problem, records.observer), begin, end):
+    for start in islice(_starts(problem, records.observer), MAX_STARTS):
         found.append(_fit_from(problem, records, start))
-        if found[-1].residual < EXPLAINED:
+        if found[-1].residual < 1:
             break
     return sorted(found, key=lambda each: each.residual)
 
@@ -496,7 +490,7 @@ def _fit_from(problem: MachineProblem, records: MotionRecords, start: NDArray[np
             search = _Search(records, free, problem.models_around(plant), start)
             place = search.minimum(np.concatenate([with_delay, np.zeros(len(free.plant))]))
             found.append(MotionFit(plant, place, float(np.mean(search.residual(place) ** 2))))
-            if found[-1].residual < EXPLAINED:
+            if found[-1].residual < 1:
                 return found[-1]
         better = min(found, key=lambda each: each.residual, default=best)
         if better is None or (best is not None and not better.is_better_than(best, 2 * records.lines)):

@@ -7,32 +7,28 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import COARSE_DIFFERENCE, MAX_ITERATIONS, ParameterError, Plant
-from fraexp_plugins.identification._likelihood import (
-    FitStep,
-    LinearRecord,
-    fit_linear,
-    greatest_ratio,
-    interval_loss,
+from fraexp.api import (
+    COARSE_DIFFERENCE,
+    CONVERGED,
+    MAX_ITERATIONS,
+    ROUNDING,
+    ParameterError,
+    Plant,
+    RecordError,
+    frequency_text,
 )
+from fraexp_plugins.identification._likelihood import FitStep, LinearRecord, fit_linear, greatest_ratio, interval_loss
 from fraexp_plugins.identification._machine_problem import REPLAY_ERROR, FreeParameters, MachineProblem, Models
-from fraexp_plugins.identification._replayed_record import (
-    ReplayedRecord,
-    Trial,
-    positions_of,
-    prepared_records,
-)
+from fraexp_plugins.identification._replayed_record import ReplayedRecord, Trial, positions_of, prepared_records
 
 # What half of a constant changes was measured on four fits: elements from a wrong start, with one period, with four
 # periods of noise, and with four parameters free, and a LuGre law. Where nothing is said it is below 2 % of a band.
-MOTION_DIFFERENCE, MAX_FORCE_DIFFERENCE = 0.3, 0.02
-"""Half width of those by a force: the motion that it causes, in resolutions, as a sample tells no less, and its
-greatest share of the input, over which friction is nearly linear."""
+MOTION_DIFFERENCE = 0.3
+"""Half width of derivatives by a force: the motion that it causes, in resolutions, as a sample tells no less."""
 FIRST_RADIUS = 0.2
 """Largest first step of a shared logarithm, of a force over the control input, and of a drift over the motion."""
-RADIUS_FACTOR, MIN_RADIUS = 2.0, 1e-3
-"""Factor on the radius after a step that helped, whose square divides it after one that did not, and the radius that is
-small enough to end."""
+RADIUS_FACTOR = 2.0
+"""Factor on the radius after a step that helped, whose square divides it after one that did not."""
 MAX_SMALL_GAINS = 3
 """Maximum number of steps in a row that gain little, as elements take that share a force in ways that hardly differ."""
 LAST_GAIN = 0.5
@@ -45,11 +41,11 @@ MIN_STD_RATIO = 0.03
 """Standard deviation of a position over the encoder's step that the likelihood assumes at least, as the box of a
 rounded sample has walls that no step crosses. Half of it makes bands 12 % narrower and fits up to three times slower.
 """
-NO_RADIUS = 1e9
+NO_RADIUS = 1 / ROUNDING
 """Factor on the radius that holds nothing but a parameter without any effect, whose information would be singular."""
 EXPECTED_SHARE, SMALL_STEP = 0.5, 0.02
-"""Share of the promised gain from which a step is good, and the shared logarithm up to which the derivatives still hold
-after it, which saves time."""
+"""Share of the promised gain from which a step is good, and the shared logarithm, or the share of the input that a
+force is, up to which derivatives hold, as friction is nearly linear."""
 START_ERROR_SHARE = 0.25
 """Error of the motion that a record's own start causes, over that motion: it counts as linear with a few states, while
 friction remembers more. Measured at the true parameters of two drives: 0.24 with rolling elements, 0.02 with LuGre.
@@ -116,16 +112,23 @@ class RecordFit:
         It ends before a step that promises less than `LAST_GAIN` of the log-likelihood, unless the records are still
         far from explained, where a shorter step may lead on a few times; and after the first steps if it `gives_up`
         what is hopeless. `known` has the derivatives by the shared parameters, where the machine is nearly the same.
+        RecordError if the model diverges along a record at this state: it has no derivatives there.
         """
         radius, small, is_exact = 1.0, 0, known is None
         state, positions = self._with_drifts(state) if known is None else (state, known.positions)
+        diverges = [
+            record for record, position in zip(self.records, positions, strict=True) if not np.isfinite(position).all()
+        ]
+        if diverges:
+            at = frequency_text(np.unique(np.concatenate([record.frequency for record in diverges])))
+            raise RecordError(f"the modelled machine diverges at the start, along {len(diverges)} records ({at})")
         linear = self.linearise(state, positions, known)
         for count in range(MAX_ITERATIONS):
             if gives_up and count == FIRST_STEPS and self.mean_ratio(linear) > HOPELESS_RATIO:
                 break
             move, is_explained = self._move(state, linear, radius), self._is_explained(linear)
             small = small + 1 if move.gain < LAST_GAIN else 0
-            if move.radius < MIN_RADIUS or small > MAX_SMALL_GAINS or (is_explained and not move.is_worth_it):
+            if move.radius < CONVERGED or small > MAX_SMALL_GAINS or (is_explained and not move.is_worth_it):
                 break
             radius = move.radius
             if move.gain > 0:
@@ -291,9 +294,13 @@ class RecordFit:
         positions: Sequence[NDArray[np.float64]],
     ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
         """Return the changes of position and 1/P̂ from the first trial to each other one, (n, k) and (lines, k)."""
-        pairs = zip(trials, positions, strict=True)
+        # a model that diverges there tells nothing, as one that does not allow the parameters
+        pairs = [
+            pair if np.isfinite(pair[1]).all() else (trials[0], positions[0])
+            for pair in zip(trials, positions, strict=True)
+        ]
         inverse = np.array([record.inverse_response(model, own, position) for (model, own), position in pairs])
-        moved = np.array(positions)[:, record.settled_samples]
+        moved = np.array([position for _, position in pairs])[:, record.settled_samples]
         return (moved[1:] - moved[0]).T, (inverse[1:] - inverse[0]).T
 
     def _linear_record(
@@ -310,7 +317,7 @@ class RecordFit:
     def _force_difference(self, record: ReplayedRecord) -> float:
         amplitude, control = float(np.abs(record.measured).max()), float(np.abs(record.control).max())
         motion = MOTION_DIFFERENCE * max(self.resolution, self.noise, 1e-4 * amplitude)
-        return min(motion / amplitude, MAX_FORCE_DIFFERENCE) * control
+        return min(motion / amplitude, SMALL_STEP) * control
 
     def _std(self, record: ReplayedRecord, parameters: NDArray[np.float64], residual: NDArray[np.float64]) -> float:
         """Return the standard deviation that the likelihood of a record assumes [m]."""

@@ -229,12 +229,10 @@ def positions_of(trials: Sequence[Trial]) -> list[NDArray[np.float64]]:
 
 PULSE_SHARE = 2e-3
 """A pulse over the greatest control input: small, as its response counts as linear."""
-MIN_SAMPLES_PER_PULSE = 10
-"""Samples of a record for each pulse, below which it tells too little of its start."""
-MIN_MOVED_SAMPLES = 10
-"""Samples over which a term spreads: what moves fewer are pulses that the dead time brings to the first samples, each
-by next to nothing, and several terms of the same few samples cannot be told apart. Half of it moves a parameter of a
-LuGre law by a tenth of its interval."""
+MIN_SAMPLES_PER_TERM = 10
+"""Samples of a record for each pulse, below which it tells too little of its start, and those over which a term
+spreads: what moves fewer are pulses that the dead time brings to the first samples, and several terms of the same few
+samples cannot be told apart. Half of it moves a parameter of a LuGre law by a tenth of its interval."""
 
 
 def start_terms(
@@ -248,8 +246,7 @@ def start_terms(
     delay = model.input_path[0] + model.output_path[0]
     pulses, coarse = START_STATES + int(np.ceil(delay / model.sample_time)), model.with_coarse_steps()
     long = [
-        record.position.size >= MIN_SAMPLES_PER_PULSE * pulses and not record.settled_samples.start
-        for record in records
+        record.position.size >= MIN_SAMPLES_PER_TERM * pulses and not record.settled_samples.start for record in records
     ]
     runs: list[Replay] = []
     for record, each, is_long in zip(records, own, long, strict=True):
@@ -276,7 +273,7 @@ def _orthogonal(moved: Sequence[NDArray[np.float64]]) -> NDArray[np.float64] | N
     is_told = sizes > counted.shape[1] * np.finfo(float).eps * sizes[0]
     terms = np.sqrt(counted.shape[1]) / sizes[is_told, None] * (turn.T[is_told] @ responses)
     squares = terms[:, :-START_STATES] ** 2
-    return np.asarray(terms[squares.sum(axis=1) ** 2 >= MIN_MOVED_SAMPLES * (squares**2).sum(axis=1)])
+    return np.asarray(terms[squares.sum(axis=1) ** 2 >= MIN_SAMPLES_PER_TERM * (squares**2).sum(axis=1)])
 
 
 MAX_WEAK_RATIO = 1.1

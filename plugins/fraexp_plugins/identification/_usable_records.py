@@ -65,6 +65,10 @@ HARMONICS = (1, 3, 5, 7, 9)
 """Harmonics of a sine that show the force of friction."""
 FORCE_FLOOR = 3e-4
 """Error of a force that is allowed for besides rounding and noise, over the amplitude of the control input."""
+MAX_NOISE_RATIO = 3.0
+"""Error, or scatter of records, over that by noise up to which noise explains it: the model has errors, too."""
+MIN_SIZE_RATIO = 1.5
+"""Greatest over least thrust or speed from which records separate what depends on it from what does not."""
 HELD_OUT_STEP = 4
 """Every fourth cycle or record is held out to compare laws. Half of it fits half of them: intervals widen by 20 %."""
 MAX_LINES = 64

@@ -32,9 +32,7 @@ from fraexp_plugins.estimators._shared.measured_motion import repeated_share
 from fraexp_plugins.excitations.sine_list import SineList
 from fraexp_plugins.identification._likelihood import LinearRecord, interval_loss
 from fraexp_plugins.identification._machine_fit import FitReport
-from fraexp_plugins.identification._machine_problem import (
-    DEAD_TIME,
-)
+from fraexp_plugins.identification._machine_problem import DEAD_TIME
 from fraexp_plugins.identification._record_fit import RecordFit, State
 from fraexp_plugins.identification.maximum_likelihood import MaximumLikelihood
 
@@ -178,10 +176,9 @@ SHARES = 400
 """Times of a record that are tried in a uniform plan: each 2 % longer, as rounded counts fill the time no better."""
 PORTION = 0.01
 """Part of the measuring time that is moved from one record to another at once."""
-TAKEN_PORTIONS, MAX_TAKEN = (1, 3), 4
-"""How many portions are taken from a record, and from how many records in turn."""
-ADDED_PORTIONS = (1, 3, 10)
-"""How many portions are given to a record of at most one: where a second one begins, settling is waited for."""
+ADDED_PORTIONS, MAX_TAKEN = (1, 3, 10), 4
+"""How many portions are given to a record of at most one, as where a second one begins settling is waited for, the
+first two of which are also taken from one; and from how many records in turn."""
 MIN_GAIN = 1e-5
 """Least gain of the criterion, a logarithm, for which time is moved: bands that are narrower by 1e-5."""
 
@@ -266,7 +263,7 @@ class PlanSearch:
         less = [
             option
             for place in range(len(plan.counts))
-            for portions in TAKEN_PORTIONS
+            for portions in ADDED_PORTIONS[:2]
             if (option := self._shorter(plan, place, portions)) is not None
         ]
         less.sort(key=lambda option: (self.criterion(option) - before) / (plan.time - option.time))

@@ -1,9 +1,9 @@
 """Friction from force and motion: a law's parameters, beside mass, viscous friction and offset."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar, TypeVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,6 @@ from fraexp.api import (
     ROUNDING,
     Estimator,
     Finding,
-    FraexpError,
     FrictionModel,
     ParameterError,
     PositionDependentFriction,
@@ -26,7 +25,6 @@ from fraexp_plugins.friction._shared.element_model import ElementModel
 from fraexp_plugins.friction.coulomb import Coulomb
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._friction_fit import (
-    EQUAL_ERROR,
     FrictionFit,
     columns_along,
     curve_end,
@@ -37,7 +35,6 @@ from fraexp_plugins.identification._friction_fit import (
 )
 from fraexp_plugins.identification._friction_report import report
 from fraexp_plugins.identification._friction_rows import (
-    EVEN,
     ConstantVelocityRuns,
     FrictionProblem,
     FrictionRecord,
@@ -51,18 +48,16 @@ from fraexp_plugins.identification._friction_rows import (
     speed_quantile,
     turning_points,
 )
-from fraexp_plugins.identification._law_forces import FreeElements, WholeLaw, rolling_elements
+from fraexp_plugins.identification._law_comparison import best_of, fit_each
+from fraexp_plugins.identification._law_forces import FreeElements, Law, WholeLaw, rolling_elements
 from fraexp_plugins.identification._law_numbers import DAMPING_RATIO, LAW_ELEMENTS, LawNumbers, rough_model
-from fraexp_plugins.identification._usable_records import HELD_OUT_STEP
+from fraexp_plugins.identification._usable_records import HELD_OUT_STEP, MIN_SIZE_RATIO
 
-Candidate = TypeVar("Candidate")
 START_VELOCITY_RATIOS, TRIAL_STEPS = (0.3, 1.0, 3.0), 20
 """Stribeck velocities to start from, over the slowest tenth's sliding speed, and steps from each of them, after which
 only the best search goes on."""
 MAX_THRESHOLD_RATIO = 0.35
 """Largest threshold over the stroke: an element that hardly slips is a slow rise of the force with any cause."""
-MIN_SPEED_RATIO = 1.5
-"""Fast over slow sliding from which viscous and Coulomb friction are separated."""
 GRID_SIZE, MIN_THRESHOLD_STEPS, MAX_THRESHOLD_SPAN, MAX_SEARCH_SPAN = 100, 0.5, 300.0, 1e5
 """Thresholds of the grid, the smallest in quantisation steps (below one step an element acts as Coulomb friction), and
 the ratio of the largest to the smallest, and that while the end of the virgin curve is searched: a drive's stroke is
@@ -71,7 +66,7 @@ MIN_REVERSALS = 3
 """Reversals from which friction is separated from other forces."""
 
 
-class FrictionIdentification(Estimator, name="friction_identification", version=7):
+class FrictionIdentification(Estimator, name="friction_identification", version=8):
     """The parameters of a friction law, with mass, viscous friction and offset, by least squares along a record.
 
     `laws` names one law, or several, your own included, of which the one with the smallest error over held-out cycles
@@ -201,13 +196,12 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         if not any(np.ptp(record.force) for record in records):
             raise RecordError(f"'{self.thrust or self.force}' does not vary; expected the friction force")
         problem = (self._sliding_problem if self._is_sliding else self._presliding_problem)(signals, records)
-        fits = _each_fit((*self._laws, *self.starts), partial(self._fit, problem))
-        least = min(fit.worst_error for fit in fits)
-        equal = [fit for fit in fits if fit.worst_error <= EQUAL_ERROR * least]
-        best = min(equal, key=lambda fit: len(fit.numbers))
+        candidates: list[Law] = [*self._laws, *self.starts]
+        fits, left_out = fit_each(candidates, partial(self._fit, problem), lambda each: each.name)
+        best = best_of(fits, lambda fit: fit.prediction)
         errors = tuple(Quantity(fit.worst_error, "N", f"error of {fit.model.name}") for fit in fits)
         chosen = Finding("remark", errors, place=best.model.name, text="predicts the held-out cycles best")
-        return report(signals, best, chosen if len(self._laws) + len(self.starts) > 1 else None)
+        return report(signals, best, [*([chosen] if len(candidates) > 1 else []), *left_out])
 
     def _sliding_problem(self, signals: Signals, records: tuple[FrictionRecord, ...]) -> FrictionProblem:
         """Return the problem of laws that say nothing of a standstill: the rows in which the machine slides."""
@@ -251,7 +245,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         problem = with_dead_time(problem, rolling_elements(problem.thresholds))
         return replace(problem, findings=(*problem.findings, *remarks))
 
-    def _fit(self, problem: FrictionProblem, candidate: type[FrictionModel] | FrictionModel) -> FrictionFit:
+    def _fit(self, problem: FrictionProblem, candidate: Law) -> FrictionFit:
         """Return the fit of a law, or from a model."""
         if not self._is_sliding:
             if isinstance(candidate, FrictionModel):
@@ -335,11 +329,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         )
 
     def _grid_problem(
-        self,
-        signals: Signals,
-        records: tuple[FrictionRecord, ...],
-        span: float,
-        max_threshold: float | None = None,
+        self, signals: Signals, records: tuple[FrictionRecord, ...], span: float, max_threshold: float | None = None
     ) -> FrictionProblem:
         """Return the problem of laws with presliding; RecordError if the motion does not suffice.
 
@@ -373,7 +363,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         if not self.thrust:
             return MeasuredFriction()
         lags = sum(self.input_time_constants) + sum(self.output_time_constants)  # each a delay, far below 1/τ
-        later = -EVEN * sample_time if self.zero_order_hold is False else 0.0
+        later = -sample_time / 2 if self.zero_order_hold is False else 0.0
         return ThrustAndMotion(self.max_frequency, self.input_dead_time + self.output_dead_time + lags, later)
 
     def _terms(
@@ -386,7 +376,7 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
         terms += ["dead_time"] if is_delayed and self.zero_order_hold is None else []
         terms += ["mass"] if has_mass else []
         slow, fast = speed_quantile(speeds, 0.1), speed_quantile(speeds, 0.9)
-        if fast > MIN_SPEED_RATIO * slow:
+        if fast > MIN_SIZE_RATIO * slow:
             return (*terms, *(["viscous"] if self.viscous_coefficient is None else [])), None, []
         if self._is_sliding:
             raise RecordError(
@@ -415,20 +405,6 @@ def _unit_model(law: type[FrictionModel], speed: float = 1.0) -> FrictionModel:
 def _is_set_valued(law: type[FrictionModel]) -> bool:
     """Return whether the force of a law may have any value at a standstill, unless more numbers are stated."""
     return not issubclass(law, ElementModel) and _unit_model(law).velocity_law is not None
-
-
-def _each_fit(candidates: Iterable[Candidate], fit: Callable[[Candidate], FrictionFit]) -> list[FrictionFit]:
-    """Return the fits of all candidates but those that fail, which the others name; the failure if all fail."""
-    fits, failures = [], list[FraexpError]()
-    for candidate in candidates:
-        try:
-            fits.append(fit(candidate))
-        except FraexpError as error:
-            failures.append(error)
-    if not fits:
-        raise failures[0]
-    left_out = tuple(f"a law is left out: {failure}" for failure in failures)
-    return [replace(each, problem=replace(each.problem, findings=(*each.problem.findings, *left_out))) for each in fits]
 
 
 def _checked_signs(fit: FrictionFit) -> FrictionFit:

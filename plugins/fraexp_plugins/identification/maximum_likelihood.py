@@ -1,8 +1,8 @@
 """Plant and friction parameters of greatest likelihood: every sample of the records, through a simulated machine."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import product
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,6 @@ from fraexp.api import (
     NORMAL_QUANTILE,
     Curve,
     Finding,
-    FraexpError,
     FrictionModel,
     Metric,
     ParameterError,
@@ -26,13 +25,9 @@ from fraexp.api import (
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.none import Frictionless
+from fraexp_plugins.identification._law_comparison import Prediction, best_of, fit_each
 from fraexp_plugins.identification._law_numbers import shape_parameters
-from fraexp_plugins.identification._likelihood import (
-    greatest_ratio,
-    greatest_variance_ratio,
-    likely_noise,
-    noise_in_records,
-)
+from fraexp_plugins.identification._likelihood import greatest_ratio, likely_noise, noise_in_records
 from fraexp_plugins.identification._machine_fit import (
     FitReport,
     Fitted,
@@ -41,22 +36,8 @@ from fraexp_plugins.identification._machine_fit import (
     least_told,
     predicted_ratios,
 )
-from fraexp_plugins.identification._machine_problem import (
-    DEAD_TIME,
-    NOISE,
-    SCALES,
-    FreeParameters,
-    MachineProblem,
-)
-from fraexp_plugins.identification._motion_start import (
-    EXPLAINED,
-    MAX_STARTS,
-    MotionFit,
-    RoughFriction,
-    fits_along_motion,
-    rough_friction,
-    spread_records,
-)
+from fraexp_plugins.identification._machine_problem import DEAD_TIME, NOISE, SCALES, FreeParameters, MachineProblem
+from fraexp_plugins.identification._motion_start import RoughFriction, fits_along_motion, rough_friction, spread_records
 from fraexp_plugins.identification._usable_records import (
     HELD_OUT_STEP,
     check_one_contact,
@@ -66,7 +47,7 @@ from fraexp_plugins.identification._usable_records import (
 )
 
 
-class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=13):
+class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=14):
     """P̂, plant and friction parameters with which a simulated machine most probably gives all samples of the records.
 
     The observer of `effective_input` drives its friction model by measured positions, and takes the small difference of
@@ -92,16 +73,13 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=13)
     scales.
 
     **Which law?** Each of several `laws` or `starts` is fitted to three quarters of the records with its scales and
-    shape parameters free (viscous coefficient, static force, Stribeck velocity, damping, attraction, and pure numbers
-    without a default), and predicts the others (cross-validation: M. Stone, J. Royal Statistical Society B 36(2),
-    1974). The law with the smallest residual wins; among laws that an F test finds equal it is the one with the
-    smallest Bayesian information criterion, which is the simpler one unless the other is much more likely. `laws` are
-    names of any laws, your own included: the search begins at numbers of the sizes that their units imply, and at those
-    of the law's first preset where units do not imply any. If a law fits, those with a residual five times as large
-    along the measured motion, or with a larger one and no fewer parameters, are not fitted further; laws that cannot
-    run in lanes (elastoplastic, GMS) take minutes and are tried only if no other law fits. A law that cannot be
-    computed is named. It is ok if a law fits. Use 16 frequencies or more, from presliding to gross sliding, or
-    two amplitudes (`concatenated`).
+    shape parameters free (viscous coefficient, static force, Stribeck velocity, damping, attraction, and pure
+    numbers without a default), and predicts the others (cross-validation: M. Stone, J. Royal Statistical Society B
+    36(2), 1974). The simplest law that an F test does not tell from the one with the smallest residual wins. `laws`
+    are names of any laws, your own included: the search begins at numbers of the sizes that their units imply, and
+    at those of the law's first preset where units do not imply any. Laws that cannot run in lanes (elastoplastic,
+    GMS) take minutes and are tried only if no other law fits. A law that cannot be computed is named. It is ok if a
+    law fits. Use 16 frequencies or more, from presliding to gross sliding, or two amplitudes (`concatenated`).
 
     **Several contacts.** One thrust and one position do not show how friction at another contact moves the machine. So
     P̂ is the response of a plant with ports whose numbers are estimated, beginning with `nominal_plant`; a mode that it
@@ -197,8 +175,9 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=13)
             return self.fit(signals).result()
         check_one_contact(signals, self.name)
         used, noise = self._used(signals)
-        best, trials = _try_laws([self.problem(used, noise, model) for model in self._candidates(used, noise)])
-        return _with_trials(self._report(best.problem, best.found).result(), best, trials)
+        trials, remarks = _try_laws([self.problem(used, noise, model) for model in self._candidates(used, noise)])
+        best = best_of(trials, lambda trial: trial.prediction)
+        return _with_trials(self._report(best.problem, best.found).result(), best, trials, remarks)
 
     @property
     def _is_open(self) -> bool:
@@ -275,99 +254,53 @@ class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=13)
 
 MIN_SEGMENTS = 2 * HELD_OUT_STEP
 """The fewest records of which some can be held out: two are, six are fitted."""
-RACE_RATIO = 5.0
-"""Residual along the measured motion over that of a law that fits, up to which another one is fitted by replays. It
-costs time alone: with half of it a simpler law may be given up that rounded positions make look worse."""
 COULOMB_PARAMETERS = ("coulomb_force", "limit_force")
 """Parameters of a friction law whose sum is its force in gross sliding."""
 
 
 @dataclass(frozen=True, eq=False)
-class LawCandidate:
-    """One law, and how far it was carried."""
+class LawTrial:
+    """One law, as it was fitted to some of the records."""
 
     problem: MachineProblem
     """All records, and what is free of the law."""
-    along: Sequence[MotionFit] = ()
-    """Its fits along the measured motion, the best first; none if it did not begin."""
-    found: Fitted | None = None
+    motion_residual: float
+    """What it leaves along the measured motion, over what is allowed for."""
+    found: Fitted
     """Its fit to some of the records, by replays."""
-    frequency: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
+    frequency: NDArray[np.float64]
     """Lowest frequency of each held-out record [Hz], shape (n,)."""
-    ratios: NDArray[np.float64] = field(default_factory=lambda: np.full(1, np.inf))
+    ratios: NDArray[np.float64]
     """Their residuals over what noise and rounding explain, shape (n,)."""
-    freedom: float = 1.0
+    freedom: float
     """Degrees of freedom of all of them."""
-    failure: str = ""
-    """Why it cannot be computed."""
 
-    @property
-    def model(self) -> FrictionModel:
-        """The law at the start."""
-        return self.problem.observer.law
+    @classmethod
+    def of(cls, kept: Signals, held_out: Signals, problem: MachineProblem) -> "LawTrial":
+        """Return how a law fits the records that are kept, and predicts those that are held out."""
+        few = replace(problem, signals=kept)
+        along = fits_along_motion(few)
+        found, _ = joint_fit(few, along)
+        ratios, freedom = predicted_ratios(problem, found, held_out)
+        frequency = np.array([float(segment.frequency.min()) for segment in held_out.segments])
+        return cls(problem, along[0].residual, found, frequency, ratios, freedom)
 
-    @property
-    def motion_residual(self) -> float:
-        """What it leaves along the measured motion, over what is allowed for; infinite if it did not begin."""
-        return self.along[0].residual if self.along else np.inf
-
-    @property
-    def free(self) -> int:
-        """Number of free parameters of friction."""
-        return len(self.problem.free.friction)
-
-    @property
-    def ratio(self) -> float:
-        """Geometric mean of the held-out residuals; infinite if the model diverges, or was not carried to the end."""
+    @cached_property
+    def prediction(self) -> Prediction:
+        """The geometric mean of the held-out residuals; infinite if the model diverges."""
         mean = float(np.exp(np.mean(np.log(self.ratios))))
-        return mean if np.isfinite(mean) else np.inf
-
-    @property
-    def criterion(self) -> float:
-        """Bayesian information criterion of friction's parameters."""
-        assert self.found is not None
-        return self.found.criterion(self.free)
+        return Prediction(mean if np.isfinite(mean) else np.inf, self.freedom, len(self.problem.free.friction))
 
     @property
     def fits(self) -> bool:
         """Whether it leaves no more of the held-out records than noise and rounding explain."""
-        return self.ratio <= float(greatest_ratio(self.freedom))
-
-    def equals(self, other: "LawCandidate") -> bool:
-        """Return whether it leaves no more of the held-out records than another law, but for chance."""
-        return self.ratio**2 <= greatest_variance_ratio(self.freedom, self.freedom) * other.ratio**2
-
-    def beats(self, other: "LawCandidate") -> bool:
-        """Return whether it fits, and left less along the motion: much less, or with no more parameters."""
-        is_far = other.motion_residual > RACE_RATIO * max(self.motion_residual, EXPLAINED)
-        is_simple = self.motion_residual <= other.motion_residual and self.free <= other.free
-        return self.fits and (is_far or is_simple)
-
-    def begun(self, kept: Signals, start: int) -> "LawCandidate":
-        """Return how the law explains the measured motion of the records that are kept, from one start more."""
-        try:
-            found = fits_along_motion(replace(self.problem, signals=kept), start, start + 1)
-            return replace(self, along=sorted([*self.along, *found], key=lambda each: each.residual))
-        except FraexpError as error:  # the other laws, and its other start, go on
-            return self if self.along else replace(self, failure=str(error))
-
-    def carried(self, kept: Signals, held_out: Signals) -> "LawCandidate":
-        """Return how the law fits the records that are kept, and predicts those that are held out."""
-        try:
-            found, _ = joint_fit(replace(self.problem, signals=kept), self.along)
-            ratios, freedom = predicted_ratios(self.problem, found, held_out)
-        except FraexpError as error:
-            return replace(self, failure=str(error))
-        frequency = np.array([float(segment.frequency.min()) for segment in held_out.segments])
-        return replace(self, found=found, frequency=frequency, ratios=ratios, freedom=freedom)
+        return self.prediction.error <= float(greatest_ratio(self.freedom))
 
 
-def _try_laws(problems: Sequence[MachineProblem]) -> tuple[LawCandidate, list[LawCandidate]]:
-    """Return the law that predicts held-out records best, and how well all of them explain the records.
+def _try_laws(problems: Sequence[MachineProblem]) -> tuple[list[LawTrial], list[Finding]]:
+    """Return how well laws predict held-out records, those that cannot run in lanes only if no other one fits.
 
-    All are fitted along the motion, the best ones by replays. A law that leaves what noise and rounding explain cannot
-    be beaten, but a simpler one may be as good. If there is one, laws that left much more along the motion are not
-    carried to the end, nor those that left more with no fewer parameters; slow ones do not begin.
+    The remarks are on laws that cannot be computed, or are not tried.
     """
     signals = problems[0].signals
     if len(signals.segments) < MIN_SEGMENTS:
@@ -377,68 +310,52 @@ def _try_laws(problems: Sequence[MachineProblem]) -> tuple[LawCandidate, list[La
         )
     held_out = np.arange(len(signals.segments)) % HELD_OUT_STEP == HELD_OUT_STEP // 2
     kept, others = (replace(signals, segments=_select(signals, chosen)) for chosen in (~held_out, held_out))
-    kept, trials = spread_records(kept), [LawCandidate(problem) for problem in problems]
-    for is_fast in (True, False):
-        group = [place for place, trial in enumerate(trials) if trial.model.is_vectorisable is is_fast]
-        for start, place in product(range(MAX_STARTS), group if not any(trial.fits for trial in trials) else ()):
-            is_explained = min(trial.motion_residual for trial in trials) < EXPLAINED
-            if not start or not (is_explained or trials[place].failure):
-                trials[place] = trials[place].begun(kept, start)
-        for place in sorted(group, key=lambda each: trials[each].motion_residual):
-            if trials[place].along and not any(other.beats(trials[place]) for other in trials):
-                trials[place] = trials[place].carried(kept, others)
-    if not any(trial.found for trial in trials):
-        raise RecordError(f"maximum_likelihood: no law can be computed: {trials[0].failure}")
-    least = min((trial for trial in trials if trial.found), key=lambda each: each.ratio)
-    equal = [trial for trial in trials if trial is least or (trial.found and trial.equals(least))]
-    return min(equal, key=lambda each: each.criterion), trials
+    fast, slow = ([p for p in problems if p.observer.law.is_vectorisable is each] for each in (True, False))
+    few, trials = spread_records(kept), list[LawTrial]()
+
+    def candidates() -> Iterator[MachineProblem]:
+        yield from fast
+        if not any(trial.fits for trial in trials):
+            yield from slow
+            slow.clear()
+
+    def fit(problem: MachineProblem) -> LawTrial:
+        trials.append(LawTrial.of(few, others, problem))
+        return trials[-1]
+
+    _, remarks = fit_each(candidates(), fit, lambda problem: problem.observer.law.name)
+    text = "not tried, as another law explains the records"
+    return trials, [*remarks, *(Finding("remark", place=each.observer.law.name, text=text) for each in slow)]
 
 
 def _select(signals: Signals, places: NDArray[np.bool_]) -> tuple[Segment, ...]:
     return tuple(segment for segment, is_chosen in zip(signals.segments, places, strict=True) if is_chosen)
 
 
-def _with_trials(result: Result, best: LawCandidate, trials: Sequence[LawCandidate]) -> Result:
+def _with_trials(result: Result, best: LawTrial, trials: Sequence[LawTrial], remarks: Sequence[Finding]) -> Result:
     """Return the result of the best law with what all of them leave."""
     fits, labels = best.fits, _labels(trials)
     pairs = list(zip(labels, trials, strict=True))
-    left = ", ".join(f"{label} {trial.ratio:.3g}" for label, trial in pairs if trial.found)
+    left = ", ".join(f"{label} {trial.prediction.error:.3g}" for label, trial in pairs)
     verdict = "predicts the records best" if fits else f"none of {len(trials)} laws fits"
     text = f"{verdict}; residual of held-out records over what noise and rounding explain: {left}"
-    behind = ", ".join(
-        f"{label} ({trial.motion_residual / best.motion_residual:.3g} times)"
-        for label, trial in pairs
-        if trial.along and not (trial.found or trial.failure)
-    )
-    if behind:
-        text += f"; not carried to the end, as they leave more along the measured motion: {behind}"
-    untried = ", ".join(label for label, trial in pairs if not (trial.along or trial.failure))
-    if untried:
-        text += f"; not tried, as a law explains the records: {untried}"
     chosen = Finding("remark", place=labels[trials.index(best)], text=text) if fits else Finding("misfit", text=text)
-    failed = [
-        Finding("remark", place=label, text=f"left out, as it cannot be computed: {trial.failure}")
-        for label, trial in pairs
-        if trial.failure
-    ]
-    result = replace(result, findings=()).with_findings(chosen, *failed, *result.findings, is_doubt=not fits)
-    curves = [_held_out_curve(label, trial) for label, trial in pairs if trial.found]
+    result = replace(result, findings=()).with_findings(chosen, *remarks, *result.findings, is_doubt=not fits)
+    curves = [_held_out_curve(label, trial) for label, trial in pairs]
     metrics = (*_coulomb_force(result), *_table(pairs), *result.metrics)
     return replace(result, metrics=metrics, curves=(*curves, *result.curves))
 
 
-def _held_out_curve(label: str, trial: LawCandidate) -> Curve:
+def _held_out_curve(label: str, trial: LawTrial) -> Curve:
     columns = {"frequency": trial.frequency, "held-out residual over expectation": trial.ratios}
     return Curve(label, columns, dict(zip(columns, ("Hz", "1"), strict=True)))
 
 
-def _table(pairs: Sequence[tuple[str, LawCandidate]]) -> Iterator[Metric]:
+def _table(pairs: Sequence[tuple[str, LawTrial]]) -> Iterator[Metric]:
     for label, trial in pairs:
-        if trial.along:
-            yield Metric(f"{label}: residual along the motion", trial.motion_residual, "1")
-        if trial.found:
-            yield Metric(f"{label}: held-out residual", trial.ratio, "1")
-            yield Metric(f"{label}: log-likelihood", trial.found.log_likelihood, "1")
+        yield Metric(f"{label}: residual along the motion", trial.motion_residual, "1")
+        yield Metric(f"{label}: held-out residual", trial.prediction.error, "1")
+        yield Metric(f"{label}: log-likelihood", trial.found.log_likelihood, "1")
 
 
 def _coulomb_force(result: Result) -> Iterator[Metric]:
@@ -453,8 +370,8 @@ def _coulomb_force(result: Result) -> Iterator[Metric]:
             yield Metric("Coulomb force, 95 %", NORMAL_QUANTILE * std, unit)
 
 
-def _labels(trials: Sequence[LawCandidate]) -> list[str]:
+def _labels(trials: Sequence[LawTrial]) -> list[str]:
     """Return the names of the laws, numbered where there are several models of one."""
-    names = [trial.model.name for trial in trials]
+    names = [trial.problem.observer.law.name for trial in trials]
     numbers = [names[: place + 1].count(name) for place, name in enumerate(names)]
     return [f"{name} {k}" if names.count(name) > 1 else name for name, k in zip(names, numbers, strict=True)]

@@ -17,7 +17,6 @@ from fraexp.api import (
     Result,
     Signals,
     param,
-    remarks,
 )
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators.conventional import Conventional
@@ -27,19 +26,15 @@ from fraexp_plugins.identification._law_forces import unit_law
 from fraexp_plugins.identification._law_report import IdentifiedPlant, LawChoice, LawReport, identify_plant
 from fraexp_plugins.identification._law_selection import LawSelection
 from fraexp_plugins.identification._line_records import LineRecords, remove_drift
-from fraexp_plugins.identification._usable_records import FORCE_FLOOR, usable_signals
+from fraexp_plugins.identification._usable_records import FORCE_FLOOR, MAX_NOISE_RATIO, MIN_SIZE_RATIO, usable_signals
 from fraexp_plugins.identification.modal_fit import ModalFit
 from fraexp_plugins.plants.modal import Modal
 
 MAX_LINE_SCATTER = 0.1
 """Relative scatter of P̂ over the amplitudes up to which a frequency counts for the plant."""
-MIN_AMPLITUDE_RATIO = 1.5
-"""Greatest over least thrust at a frequency from which records that agree show that there is no friction."""
-MIN_SCATTER_RATIO = 3.0
-"""Scatter of the records over that by noise from which friction is identifiable: the model has errors, too."""
 
 
-class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=8):
+class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=9):
     """Friction, P̂ and the plant of eq (1) together, such that P̂ is the same at all amplitudes and phases.
 
     G_di G_do U_a = Y_a/P + F_a for each record a, at each excited line, with a 1/P of its own, and at the odd harmonics
@@ -159,8 +154,8 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=8):
         Records of several amplitudes that agree within their noise are those of an axis without friction.
         """
         before, explained = map(np.median, found.scatter(found.records.delayed(found.dead_time)))
-        agree = before < MIN_SCATTER_RATIO * explained
-        if found.amplitude_ratio >= MIN_AMPLITUDE_RATIO if agree else found.forces.any():
+        agree = before < MAX_NOISE_RATIO * explained
+        if found.amplitude_ratio >= MIN_SIZE_RATIO if agree else found.forces.any():
             return
         remedy = "use amplitudes a factor of 2 apart"
         if not agree:
@@ -215,7 +210,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=8):
     ) -> Result:
         """Return all that was found, with what makes it doubtful."""
         fitted = found.response(signals, (self.input, self.output))
-        before = (*fitted.findings, *remarks(*found.failed))
+        before = (*fitted.findings, *found.left_out)
         fitted = plant.fit if plant else fitted
         report = LawReport(found, plant, self.input_dead_time, self.mass)
         found_errors, validation = list(report.errors()), []
