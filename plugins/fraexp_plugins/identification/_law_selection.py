@@ -339,7 +339,7 @@ class LawSelection:
         return self._fitted(rolling_elements(thresholds, times[0]), starts)
 
     def _with_law(self, given: Law, stated: Sequence[Law]) -> LawFit:
-        """Return the fit of a law that begins where the elements end, and at its own numbers if it is a `stated` one."""
+        """Return the fit of a law that begins where the elements end, and at its own numbers if it is `stated`."""
         thresholds, sizes = self._bare.swing * np.geomspace(*ELEMENT_RANGE, THRESHOLD_COUNTS[1]), self._sizes()
         unit = unit_law(given, float(np.median(sizes["m"])), self._bare.speed)
         law = columns_of(unit, thresholds, 2 * float(self._bare.frequency.min()))
