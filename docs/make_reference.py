@@ -21,7 +21,7 @@ from pydantic.fields import FieldInfo
 
 import fraexp.api
 import fraexp.tui
-from fraexp.cli import arguments
+from fraexp.cli.main import _parser
 from fraexp.cli.exits import ExitCode
 from fraexp.components.kinds import KINDS, Component, nested_kind
 from fraexp.components.measurement_settings import MeasurementSettings
@@ -351,7 +351,7 @@ def _key_text(key: str) -> str:
 def _commands() -> list[str]:
     lines = ["# Commands and options", "", "The same as `fraexp COMMAND --help`.", "", "## Exit codes", ""]
     lines += _table(["code", "meaning"], ([str(code.value), code.sentence] for code in ExitCode))
-    parser = arguments._parser()
+    parser = _parser()
     common = [action for action in parser._actions if action.option_strings]
     known = {option for action in common for option in action.option_strings}
     lines += ["", "## Options of every command", "", *_options(common)]
