@@ -21,8 +21,8 @@ from pydantic.fields import FieldInfo
 
 import fraexp.api
 import fraexp.tui
-from fraexp.cli.main import _parser
 from fraexp.cli.exits import ExitCode
+from fraexp.cli.main import _parser
 from fraexp.components.kinds import KINDS, Component, nested_kind
 from fraexp.components.measurement_settings import MeasurementSettings
 from fraexp.components.parameters import Parameters, inherited_from, unit_of
