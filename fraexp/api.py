@@ -34,11 +34,10 @@ from fraexp.components.ports import Contact, Ports, StateSpace
 from fraexp.components.position_dependence import PositionDependentFriction
 from fraexp.components.registry import component_modules, hookimpl
 from fraexp.data.findings import Finding, Quantity, at_worst, remarks
-from fraexp.data.frequency_text import frequency_text
-from fraexp.data.record_table import RecordTable
 from fraexp.data.results import HARMONICS, Curve, Fit, FrequencyResponse, Metric, Outcome, Result
 from fraexp.data.sample_file import read_header, read_samples
-from fraexp.data.signals import Encoder, Segment, Settling, Signals
+from fraexp.data.signals import Encoder, RecordTable, Segment, Settling, Signals
+from fraexp.data.texts import frequency_text
 from fraexp.errors import ConnectionLostError, FraexpError, MachineError, ParameterError, RecordError, did_you_mean
 from fraexp.kernels.choice import where
 from fraexp.simulation.experiment_run import LiveLoop, live_setup

@@ -11,9 +11,9 @@ from fraexp.analysis.quantisation import line_variance
 from fraexp.analysis.steady_motion import steady_leakage, with_steady_motion
 from fraexp.analysis.tolerances import ROUNDING, SIGNIFICANCE
 from fraexp.data.findings import Finding, at_worst
-from fraexp.data.frequency_text import frequency_text
 from fraexp.data.results import HARMONICS, FrequencyResponse, Outcome, Result
 from fraexp.data.signals import Segment, Signals
+from fraexp.data.texts import frequency_text
 from fraexp.errors import RecordError
 
 MIN_PERIODS = 3

@@ -10,7 +10,7 @@ from fraexp.cli.output import print_json, print_table, say
 from fraexp.cli.summary import ALL_REMEDY, needs_summary, print_summary
 from fraexp.cli.sweep_lookup import choose_sweeps, find_run_number, workspace_folder
 from fraexp.components.registry import Registry
-from fraexp.data.frequency_text import frequency_text
+from fraexp.data.texts import frequency_text
 from fraexp.errors import FraexpError
 from fraexp.figures.elements.labels import curve_names
 from fraexp.figures.kinds.response_errors import (

@@ -13,7 +13,7 @@ from fraexp.cli.output import print_json, print_line, print_path, print_table, s
 from fraexp.cli.progress import Meter
 from fraexp.cli.summary import needs_summary, print_summary
 from fraexp.data.results import UNUSABLE_OUTCOMES, Result
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.execution.background import announce_begin
 from fraexp.execution.events import Begun, Ended, Event, Finished, Noticed, Planned, Preparing, Progress, Why
 from fraexp.figures.result_files import json_value

@@ -14,7 +14,7 @@ from fraexp.cli.follow import follow, print_outcome
 from fraexp.cli.output import ask, print_json, print_path, print_table, say
 from fraexp.cli.progress import ProgressLine
 from fraexp.data.rotary_axes import is_rotary
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.errors import ConsentError, StudyError
 from fraexp.execution.events import Event
 from fraexp.measurement.consent import Consent

@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Literal, TextIO
 
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 
 MIN_TEXT_CELLS = 20
 """Width below which a text is not indented any more [cells]."""

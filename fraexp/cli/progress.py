@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TextIO, cast
 
 from fraexp.cli.output import say
 from fraexp.cli.standard_streams import TolerantStream
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.execution.events import TimeLeft
 from fraexp.views.run_progress import time_text
 from fraexp.views.words import duration_text, plural

@@ -17,9 +17,8 @@ from fraexp.components.parameters import Parameters
 from fraexp.components.periods import Period, Schedule
 from fraexp.components.ports import Ports, StateSpace
 from fraexp.data.findings import Finding
-from fraexp.data.record_table import RecordTable
 from fraexp.data.results import Result
-from fraexp.data.signals import Segment, Signals
+from fraexp.data.signals import RecordTable, Segment, Signals
 from fraexp.errors import PluginError, did_you_mean
 
 if TYPE_CHECKING:  # numba: imported only when a law is run

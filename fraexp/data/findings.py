@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.data.frequency_text import frequency_text
+from fraexp.data.texts import frequency_text
 from fraexp.data.units import with_powers
 
 REMARK = "remark"

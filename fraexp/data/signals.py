@@ -1,4 +1,4 @@
-"""Uniformly sampled channels with units, from a simulation or an instrument."""
+"""Uniformly sampled channels with units, from a simulation or an instrument; and columns of a measured record."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,6 +11,21 @@ from numpy.typing import NDArray
 from fraexp.data.findings import Finding, Quantity, message_of
 from fraexp.data.results import Metric, Outcome
 from fraexp.errors import RecordError, did_you_mean
+
+
+@dataclass(frozen=True)
+class RecordTable:
+    """Columns of a measured record, as stored in the file."""
+
+    columns: Mapping[str, NDArray[np.float64]]
+    """Values by column name, each of shape (n,)."""
+    sample_time: float | None = None
+    """Sample time [s] if the file states it."""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Units by column name; none or an empty one where the file states none."""
+    times: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    """Time stamps [s] of columns that have their own, each of shape (n,); the lengths of such columns may differ."""
+
 
 MAX_MAGNITUDE = 1e100
 """Magnitude of samples, and its inverse, up to which spectra and their products are exact."""

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.components.machine_session import Chunk
+from fraexp.data.atomic_file import process_lock
 from fraexp.data.identity import digest_of
 from fraexp.data.sample_file import SampleHeader, SampleWriter, create_sample_file, read_header
 from fraexp.errors import RecordError, StudyError
-from fraexp.measurement.process_lock import process_lock
 from fraexp.measurement.tasks import MeasurementTask
 
 PLAY_COLUMN = "play"

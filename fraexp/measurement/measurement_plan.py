@@ -12,8 +12,8 @@ from fraexp.components.measurement_settings import MeasurementSettings, ramp_out
 from fraexp.components.periods import Period
 from fraexp.components.registry import Registry, create
 from fraexp.data.findings import Quantity
-from fraexp.data.frequency_text import frequency_text
 from fraexp.data.signals import Segment
+from fraexp.data.texts import frequency_text
 from fraexp.errors import PlanError, StudyError
 from fraexp.measurement.play_demands import Report, SimulatedPlay, simulate_demands
 from fraexp.measurement.tasks import REQUIRED_LIMITS, MeasurementTask

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from fraexp.components.machine_session import Chunk, MachineDescription, MachineSession, PlayRequest
 from fraexp.components.measurement_settings import MeasurementSettings
 from fraexp.data import units
+from fraexp.data.atomic_file import process_lock
 from fraexp.data.identity import digest_of
 from fraexp.errors import ConnectionLostError, MachineError, ParameterError, PlanError
 from fraexp.kernels.cache_folder import cache_folder
 from fraexp.measurement.consent import require_consent
 from fraexp.measurement.measurement_plan import joint_limits
 from fraexp.measurement.motion_guard import LimitExceededError, MotionGuard, RestWatch, RunawayError
-from fraexp.measurement.process_lock import process_lock
 from fraexp.simulation.motion_limits import NO_DEMAND, Demand, MotionLimits
 
 SI_UNITS = {False: {"y": ("m", "a position"), "u": ("N", "a force")}}

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fraexp.components.parameters import Parameters, param
 from fraexp.data import units
-from fraexp.data.record_table import RecordTable
+from fraexp.data.signals import RecordTable
 from fraexp.data.sweep import Plain
 from fraexp.errors import FraexpError, ParameterError, RecordError
 

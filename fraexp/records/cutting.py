@@ -8,8 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.data.record_table import RecordTable
-from fraexp.data.signals import Settling
+from fraexp.data.signals import RecordTable, Settling
 from fraexp.data.sweep import Plain
 from fraexp.errors import ParameterError, RecordError
 from fraexp.records.record_settings import MIN_BLOCKS, RecordSettings, Step

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fraexp.components.kinds import RecordReader
 from fraexp.components.registry import Registry
-from fraexp.data.record_table import RecordTable
+from fraexp.data.signals import RecordTable
 from fraexp.errors import RecordError
 from fraexp.records.channels import (
     CLOCK_ROLES,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fraexp.components.kinds import RecordReader
 from fraexp.components.registry import Registry, create
-from fraexp.data.record_table import RecordTable
+from fraexp.data.signals import RecordTable
 from fraexp.errors import RecordError, did_you_mean
 from fraexp.records.channels import UNREADABLE, FileContent, clock_unit, guess_role, resolve_channel
 from fraexp.records.timebase import ColumnReader, find_time_column

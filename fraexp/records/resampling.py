@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.data.record_table import RecordTable
+from fraexp.data.signals import RecordTable
 from fraexp.data.sweep import Plain
 from fraexp.errors import RecordError
 from fraexp.records.channels import PlainTable, auxiliary_values, clock_unit, resolve_channel

@@ -14,9 +14,8 @@ from fraexp.components.kinds import Controller, RecordReader
 from fraexp.components.registry import Registry, create
 from fraexp.data.findings import Finding, remarks
 from fraexp.data.identity import file_hash
-from fraexp.data.record_table import RecordTable
 from fraexp.data.results import Outcome
-from fraexp.data.signals import Segment, Signals
+from fraexp.data.signals import RecordTable, Segment, Signals
 from fraexp.data.sweep import Plain
 from fraexp.errors import RecordError, did_you_mean
 from fraexp.records.channels import PlainTable, auxiliary_values, channel_columns, channel_values, resolve_channel

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.data import units
-from fraexp.data.record_table import RecordTable
-from fraexp.data.signals import Segment, Signals, StatedLine
+from fraexp.data.signals import RecordTable, Segment, Signals, StatedLine
 from fraexp.data.sweep import Plain
 from fraexp.errors import ParameterError, RecordError
 from fraexp.records.channels import Channel, PlainTable, auxiliary_values, check_unit, column_text, si_unit

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.data.record_table import RecordTable
+from fraexp.data.signals import RecordTable
 from fraexp.errors import ParameterError, RecordError
 from fraexp.records.channels import (
     RATE_NAMES,

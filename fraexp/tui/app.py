@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Awaitable, Callable, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
@@ -24,18 +24,61 @@ from textual.screen import Screen
 from textual.timer import Timer
 from textual.widgets import Input
 
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.errors import FraexpError, did_you_mean
 from fraexp.tui.dialogs import ConfirmDialog
 from fraexp.tui.page import PLACES, DatabaseChanged, Page, shorten
 from fraexp.tui.services.plugin_watch import PluginsChanged, PluginWatch, reload_plugins
-from fraexp.tui.services.selection import Selection
 from fraexp.tui.services.themes import DARK, LIGHT
 
 if TYPE_CHECKING:
     from fraexp.tui.services.database_access import Backend
     from fraexp.tui.services.live_measurement import LiveMeasurement
     from fraexp.tui.widgets.field_list import FormDraft
+
+
+class Selection:
+    """Keys of marked sweeps."""
+
+    def __init__(self) -> None:
+        self._keys: dict[str, None] = {}
+        self.origin: tuple[str, ...] = ()
+        """Arguments of a command line that name the same sweeps, such as a run; empty if only their keys do."""
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._keys
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._keys)
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+    def toggle(self, key: str) -> bool:
+        """Mark or unmark a sweep; return whether it is marked now."""
+        self.origin = ()
+        if key in self._keys:
+            del self._keys[key]
+            return False
+        self._keys[key] = None
+        return True
+
+    def add(self, keys: Sequence[str], origin: tuple[str, ...] = ()) -> None:
+        """Mark sweeps, which `origin` names in a command line."""
+        self._keys |= dict.fromkeys(keys)
+        self.origin = origin if list(self._keys) == list(keys) else ()
+
+    def remove(self, keys: Iterable[str]) -> None:
+        """Unmark sweeps."""
+        for key in keys:
+            if key in self._keys:
+                self.toggle(key)
+
+    def clear(self) -> None:
+        """Unmark all sweeps."""
+        self.origin = ()
+        self._keys.clear()
+
 
 SWITCH_INTERVAL_S = 0.5e-3
 """Seconds after which Python switches threads: its own 5 ms would delay each of the many steps of drawing a screen."""

@@ -13,7 +13,7 @@ from textual.suggester import SuggestFromList
 from textual.widgets import Input, SelectionList, Static
 from textual.widgets.selection_list import Selection
 
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.tui.page import shorten
 
 Answered = TypeVar("Answered")

@@ -43,7 +43,7 @@ def fit_texts(result: Result | None) -> dict[str, str]:
     """Return the identified parameters with their 95 % limits, by kind, name and unit."""
     if result is None or not result.fits:
         return {}
-    from fraexp.views.result_rows import fit_rows  # which needs scipy
+    from fraexp.views.result_rows import fit_rows
 
     rows = [(fit.kind, row) for fit in result.fits for row in fit_rows(fit)]
     return {

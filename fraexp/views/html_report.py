@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 from fraexp.data.atomic_file import atomic_file
 from fraexp.data.sweep import Plain
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.errors import FraexpError, StudyError
 from fraexp.reports.published_comparisons import compare_published, figure_name, read_study, run_title, verdict
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from fraexp.analysis.confidence import NORMAL_QUANTILE, BandReach
-from fraexp.data.frequency_text import frequency_text
 from fraexp.data.results import EXTREMUM_CURVES, Curve, Fit, Outcome, Result
+from fraexp.data.texts import frequency_text
 from fraexp.records.first_look import Choice, RecordLook
 from fraexp.views.result_rows import fit_rows
 from fraexp.views.words import number_text, plural, with_unit

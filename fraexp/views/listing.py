@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rich.cells import cell_len
 
 from fraexp.data.sweep import DRAW
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.errors import FraexpError, did_you_mean
 from fraexp.figures.elements.labels import label_columns, label_texts
 from fraexp.store import StoredSweep

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from fraexp.components.registry import Registry
 from fraexp.data.results import Outcome
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.data.units import with_powers
 from fraexp.reports.published_comparisons import verdict
 from fraexp.store import RunSummary, StoredSweep

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fraexp.analysis.confidence import interval_factor
+from fraexp.analysis.confidence import NORMAL_QUANTILE
 from fraexp.data import toml
 from fraexp.data.results import Curve, Fit, Result
 from fraexp.data.units import with_powers
@@ -23,7 +23,7 @@ def metric_fields(result: Result) -> list[tuple[str, str]]:
 
 def fit_rows(fit: Fit) -> list[list[str]]:
     """Return a row under `FIT_COLUMNS` for each identified parameter."""
-    spread = interval_factor(np.inf) * fit.standard_deviation
+    spread = NORMAL_QUANTILE * fit.standard_deviation
     return [
         [
             name,

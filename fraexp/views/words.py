@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
-from fraexp.data.frequency_text import frequency_text
+from fraexp.data.texts import frequency_text
 from fraexp.figures.elements.scales import column_unit
 
 MAX_LIST_ITEMS = 4

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from fraexp_plugins.estimators.conventional import Conventional
 
-from fraexp.data.frequency_text import frequency_text
 from fraexp.data.signals import Segment, Signals
+from fraexp.data.texts import frequency_text
 from fraexp.errors import RecordError
 from tests.refusals import refused
 

@@ -1,7 +1,7 @@
 import pytest
 
 from fraexp.cli.output import print_table
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.views.words import duration_text, flatten, value_text
 
 

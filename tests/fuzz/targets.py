@@ -16,7 +16,7 @@ from fraexp.cli.main import UsageError, parse
 from fraexp.components.registry import Registry
 from fraexp.data import toml, units
 from fraexp.data.identity import TAG
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.errors import FraexpError
 from fraexp.records import RecordSettings, resolve
 from fraexp.records.channels import parse_channel

@@ -4,9 +4,9 @@ import numpy as np
 from fraexp_plugins.controllers.pid import Pid
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.plants.modal import Modal
-from fraexp_plugins.tuning._shared.friction_gain import FrictionGain
 from fraexp_plugins.tuning._shared.gain_search import LoopFamily
 from fraexp_plugins.tuning._shared.plant_band import PlantBand
+from fraexp_plugins.tuning.loop_tuning import FrictionGain
 
 from fraexp.analysis.delays import hold_response, image_factor, path_response
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fraexp_plugins.tuning._shared.friction_gain import LimitCycle, limit_cycles
+from fraexp_plugins.tuning.loop_tuning import LimitCycle, limit_cycles
 
 from tests.tuning.loops import SAMPLE_TIME_S, amplitude_and_frequency, family, lead, simulate
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from fraexp.data.sweep import DRAW, Plain
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.data.units import with_powers
 from fraexp.figures.elements.scales import DISPLACEMENT_UNITS
 

@@ -10,7 +10,7 @@ from textual.containers import Vertical
 from textual.events import Resize
 from textual.message import Message
 
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.figures.elements.bands import finite_span, ordinate_limits
 from fraexp.figures.elements.view import FREQUENCY_KINDS, View
 from fraexp.tui.plotting.braille import DOTS_ACROSS, DOTS_DOWN, Window

@@ -11,7 +11,7 @@ from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.tui.plotting.braille import Window
 from fraexp.tui.plotting.cell_canvas import Cache, CellCanvas
 from fraexp.tui.plotting.curve_styles import CurveStyles

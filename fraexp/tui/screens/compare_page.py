@@ -13,7 +13,7 @@ from textual.containers import Horizontal, Vertical
 from textual.events import Click, Resize
 from textual.widgets import DataTable, Static
 
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.errors import FraexpError
 from fraexp.tui.dialogs import GroupingDialog
 from fraexp.tui.page import ACTION_GROUP, LOAD_GROUP, Page

@@ -11,7 +11,7 @@ from textual.containers import Horizontal
 from textual.widgets import Button, Static
 from textual.worker import WorkerCancelled
 
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.errors import FraexpError, StoreError
 from fraexp.execution.background import BackgroundRun
 from fraexp.study.catalogue import StudyEntry

@@ -15,7 +15,7 @@ from textual.content import Content
 from textual.widgets import Button, RichLog, Static
 
 from fraexp.data.results import Outcome, Result
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.errors import ConsentError
 from fraexp.figures.elements.grouping import ShownResult
 from fraexp.tui.dialogs import ConfirmDialog

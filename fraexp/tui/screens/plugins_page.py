@@ -12,7 +12,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Container
 
 from fraexp.components.kinds import FrictionModel
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.tui.services.plugin_watch import PluginsChanged
 from fraexp.tui.widgets.filter_line import FilterLine, ListPage
 from fraexp.tui.widgets.paged_table import ListTable

@@ -15,7 +15,7 @@ from textual.widgets import Log, Static
 from textual.worker import Worker
 
 from fraexp.data.results import Outcome
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.errors import FraexpError
 from fraexp.execution import background
 from fraexp.execution.background import BackgroundRun

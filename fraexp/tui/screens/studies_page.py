@@ -18,7 +18,7 @@ from textual.timer import Timer
 from textual.widgets import Static
 
 from fraexp.data.atomic_file import atomic_file
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.errors import FraexpError
 from fraexp.store import RunSummary
 from fraexp.study.catalogue import FIRST_STUDY, StudyEntry

@@ -18,7 +18,7 @@ from textual.widgets import Static, TabbedContent, TabPane
 
 from fraexp.components.registry import Registry
 from fraexp.data.results import Result
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
 from fraexp.tui.page import ACTION_GROUP
 from fraexp.tui.services.themes import state_sign

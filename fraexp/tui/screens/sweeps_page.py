@@ -14,7 +14,7 @@ from textual.suggester import Suggester
 from textual.widgets import DataTable, Static
 
 from fraexp.data.results import Outcome
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.store import masked_url
 from fraexp.store.queries.filters import OPERATORS
 from fraexp.store.queries.known_names import METRIC_PREFIX

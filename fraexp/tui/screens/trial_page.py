@@ -15,7 +15,7 @@ from textual.widgets import Static
 
 from fraexp.components.kinds import FrictionModel
 from fraexp.components.parameters import unit_of
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.errors import errors_within
 from fraexp.tui.page import LOAD_GROUP, shorten
 from fraexp.tui.plotting.plot_stack import PlotStack

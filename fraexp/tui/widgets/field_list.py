@@ -16,7 +16,7 @@ from textual.suggester import SuggestFromList
 from textual.widget import Widget
 from textual.widgets import Button, Input, Static
 
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.errors import FraexpError
 from fraexp.tui.page import Page
 from fraexp.tui.services.launch_form import FieldGroup, FormField, find_concerned

@@ -12,7 +12,7 @@ from textual.containers import Vertical
 from textual.widgets import Static
 
 from fraexp.components.registry import Registry
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.errors import FraexpError
 from fraexp.store import Store
 from fraexp.tui.plotting.compared_sweeps import compare_sweeps, read_marked_sweeps

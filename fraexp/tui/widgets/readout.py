@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from rich.cells import cell_len, set_cell_size
 from rich.text import Text
 
-from fraexp.data.terminal_text import printable
+from fraexp.data.texts import printable
 from fraexp.figures.elements.view import wrap_phase
 from fraexp.tui.plotting.curve_styles import DASHES, CurveStyles, curve_digit
 from fraexp.tui.plotting.panel_drawing import ViewRange, nearest_point
