@@ -465,13 +465,12 @@ class FrictionProblem:
     @property
     def standstill_time(self) -> float:
         """Standstill time at a reversal of a motion at one speed, plus one sample [s]."""
-        return max(_standstill_time(record, self.speed or 0.0) for record in self.records)
-
-
-def _standstill_time(record: FrictionRecord, speed: float) -> float:
-    turns = turning_points(record.displacement, speed * record.sample_time).size
-    slow = int(np.sum(np.abs(record.velocity) < STANDSTILL_SPEED_RATIO * speed))
-    return (1 + slow / max(turns, 1)) * record.sample_time
+        found, speed = [], self.speed or 0.0
+        for record in self.records:
+            turns = turning_points(record.displacement, speed * record.sample_time).size
+            slow = int(np.sum(np.abs(record.velocity) < STANDSTILL_SPEED_RATIO * speed))
+            found.append((1 + slow / max(turns, 1)) * record.sample_time)
+        return max(found)
 
 
 def speed_quantile(velocity: NDArray[np.float64], share: float) -> float:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple, TypeVar
 
 from fraexp.api import Finding, FraexpError
-from fraexp_plugins.identification._likelihood import greatest_variance_ratio
+from fraexp_plugins.identification._likelihood import greatest_chance_gain
 
 
 class Prediction(NamedTuple):
@@ -23,8 +23,7 @@ class Prediction(NamedTuple):
         An F test: both predict the same values, so that what noise does to them is the same.
         """
         added = max(other.parameters - self.parameters, 1)
-        allowed = 1 + added / self.freedom * greatest_variance_ratio(added, self.freedom)
-        return self.error**2 <= allowed * other.error**2
+        return self.error**2 <= greatest_chance_gain(added, self.freedom) * other.error**2
 
 
 Candidate = TypeVar("Candidate")

@@ -23,11 +23,11 @@ def greatest_ratio(freedom: NDArray[np.float64] | float) -> NDArray[np.float64]:
     return np.asarray(np.sqrt((1 + MODEL_ERROR**2) * chdtri(freedom, SIGNIFICANCE) / freedom))
 
 
-def greatest_variance_ratio(terms: float, freedom: float) -> float:
-    """Return the ratio of variances that chance hardly exceeds: an F test with these degrees of freedom."""
+def greatest_chance_gain(added: int, freedom: float) -> float:
+    """Return the mean square without further parameters over that with them which chance hardly exceeds: an F test."""
     from scipy.special import fdtri  # slow to import: listing plugins must stay fast
 
-    return float(fdtri(terms, freedom, 1 - SIGNIFICANCE))
+    return float(1 + added / freedom * fdtri(added, freedom, 1 - SIGNIFICANCE))
 
 
 FAR_OUT = -30.0

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import compress, islice
 from typing import NamedTuple
 
 import numpy as np
@@ -332,9 +332,7 @@ def some_frequencies(signals: Signals, step: int) -> Signals:
     """Return the segments of every `step`th of the frequencies with which they begin."""
     first = np.round([float(segment.frequency[0]) for segment in signals.segments], 3)
     chosen = np.isin(first, np.unique(first)[::step])
-    return replace(
-        signals, segments=tuple(s for s, is_chosen in zip(signals.segments, chosen, strict=True) if is_chosen)
-    )
+    return replace(signals, segments=tuple(compress(signals.segments, chosen)))
 
 
 def remove_drift(signals: Signals, output: str) -> Signals:

@@ -566,9 +566,5 @@ def _of_reciprocal(response: NDArray[np.complex128], covariance: NDArray[np.floa
     """Return the covariance of P̂ from that of 1/P̂: dP̂ = -P̂² d(1/P̂)."""
     factor = -(response**2)
     turn = np.array([[factor.real, -factor.imag], [factor.imag, factor.real]]).transpose(2, 0, 1)
-    return _symmetric(turn @ covariance @ turn.transpose(0, 2, 1))
-
-
-def _symmetric(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a covariance without the asymmetry of its last bits."""
-    return (covariance + covariance.transpose(0, 2, 1)) / 2
+    found = turn @ covariance @ turn.transpose(0, 2, 1)
+    return np.asarray(found + found.transpose(0, 2, 1)) / 2  # without the asymmetry of the last bits

@@ -20,7 +20,6 @@ from fraexp.api import (
     CONVERGED,
     FrequencyResponse,
     FrictionModel,
-    Motion,
     ParameterError,
     Plant,
     RecordError,
@@ -28,7 +27,7 @@ from fraexp.api import (
     fourier_sums,
     phasors,
 )
-from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT
+from fraexp_plugins.estimators._shared.effective_input_observer import CACHE_BYTES, EFFECTIVE_INPUT
 from fraexp_plugins.estimators._shared.realisations import Part, circular_covariance, combine_parts
 from fraexp_plugins.estimators.conventional import Conventional
 from fraexp_plugins.estimators.effective_input import EffectiveInput
@@ -37,7 +36,7 @@ from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.friction.rolling import Rolling
 from fraexp_plugins.identification._law_numbers import LAW_ELEMENTS, VISCOUS, rough_model
 from fraexp_plugins.identification._least_squares import derivatives, minimise
-from fraexp_plugins.identification._likelihood import greatest_variance_ratio
+from fraexp_plugins.identification._likelihood import greatest_chance_gain
 from fraexp_plugins.identification._machine_problem import (
     DEAD_TIME,
     DISPLACEMENT_SCALE,
@@ -63,10 +62,6 @@ ANY_PLANT = Modal(rigid_body_gain=1.0)
 
 MIN_HARMONIC_SAMPLES = 10
 """Samples of a cycle of the highest harmonic: with fewer the law's force is wrong by more than `FORCE_FLOOR`."""
-
-
-KEPT_FORCES = 16
-"""Forces of a law that are kept: those of one point of a search and of its derivatives."""
 
 
 class MotionRecords:
@@ -109,16 +104,18 @@ class MotionRecords:
     def law_force(self, law: FrictionModel, scales: tuple[float, float] = (1.0, 1.0)) -> NDArray[np.complex128]:
         """Return the force of a law [N] at all lines, without viscous friction, shape (n,); the last ones are kept."""
         still = law.model_copy(update={VISCOUS: 0.0}) if VISCOUS in type(law).model_fields else law
-        key, (force_scale, displacement_scale) = (repr(still), scales[1]), scales
+        key, (force_scale, scale) = (repr(still), scales[1]), scales
         if key not in self._driven:
-            forces = still.forces([_scaled_motion(motion, displacement_scale) for motion in self._motions])
+            forces = still.forces(
+                [m._replace(displacement=m.displacement / scale, lead_in=m.lead_in / scale) for m in self._motions]
+            )
             sums = [
                 fourier_sums(force.reshape(periods, -1), segment.lines).mean(axis=0)
                 for force, segment, periods in zip(forces, self._segments, self._periods, strict=True)
             ]
-            if len(self._driven) >= KEPT_FORCES:
+            self._driven[key] = found = np.asarray(self._factor * np.concatenate(sums))
+            if len(self._driven) * found.nbytes > CACHE_BYTES:
                 del self._driven[next(iter(self._driven))]
-            self._driven[key] = np.asarray(self._factor * np.concatenate(sums))
         return force_scale * self._driven[key]
 
     def viscous_force(self, law: FrictionModel) -> NDArray[np.complex128]:
@@ -172,10 +169,6 @@ class MotionRecords:
         found = combine_parts(self.signals, parts, names=(EFFECTIVE_INPUT, observer.output), units=units)
         assert found.response is not None
         return found.response
-
-
-def _scaled_motion(motion: Motion, scale: float) -> Motion:
-    return motion._replace(displacement=motion.displacement / scale, lead_in=motion.lead_in / scale)
 
 
 def plant_in(response: FrequencyResponse, modes: int | None, has_dead_time: bool) -> tuple[Modal, float]:
@@ -400,10 +393,9 @@ class MotionFit:
     """What is left over what is allowed for, shortened where it is much (soft L1), in the mean over all lines."""
 
     def is_better_than(self, other: "MotionFit", parts: int) -> bool:
-        """Return whether its further parameters explain more than chance does, of so many real parts: an F test."""
+        """Return whether its further parameters explain more than chance does, of so many real parts."""
         added = max(self.shared.size - other.shared.size, 1)
-        allowed = added * greatest_variance_ratio(added, parts) / parts
-        return other.residual > (1 + allowed) * self.residual
+        return other.residual > greatest_chance_gain(added, parts) * self.residual
 
 
 @dataclass(frozen=True)

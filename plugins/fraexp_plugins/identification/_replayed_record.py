@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fraexp.api import Plant, Replay, Replayed, ReplayModel, Segment, replay
 from fraexp_plugins.estimators.effective_input import EffectiveInput
-from fraexp_plugins.identification._likelihood import greatest_variance_ratio
+from fraexp_plugins.identification._likelihood import greatest_chance_gain
 from fraexp_plugins.identification._machine_problem import Models
 
 SETTLING_PART = 8
@@ -195,9 +195,8 @@ class ReplayedRecord:
         plain, settled = replace(self, has_drift=False), self.settled_samples
         residual = (self.position - position)[settled]
         coefficients, slow = self.drift_in(residual), len(self.drifts) - len(plain.drifts)
-        allowed = 1 + slow / residual.size * greatest_variance_ratio(slow, residual.size)
-        least = self.scatter_about(position)
-        if np.var(residual - plain.drift_in(residual) @ plain.drifts[:, settled]) <= allowed * least:
+        most = greatest_chance_gain(slow, residual.size) * self.scatter_about(position)
+        if np.var(residual - plain.drift_in(residual) @ plain.drifts[:, settled]) <= most:
             return plain
         return replace(self, trend=coefficients[1 : slow + 1] @ self.drifts[1 : slow + 1])
 

@@ -377,7 +377,8 @@ class ExcitationDesign(Estimator, name="excitation_design", version=6):
         frequencies = (*known, *self.extra_frequencies)
         records = iter(self._plan_records(report, frequencies))
         choices = [tuple(next(records) for _ in self.amplitudes) for _ in frequencies]
-        allowed = [tuple(each for each in of if self._is_allowed(each)) for of in choices]
+        most = np.inf if self.max_stroke is None else self.max_stroke
+        allowed = [tuple(each for each in of if each.stroke <= most) for of in choices]
         for frequency, of in zip(frequencies, allowed, strict=True):
             if not of and frequency in known:
                 raise RecordError(
@@ -389,9 +390,6 @@ class ExcitationDesign(Estimator, name="excitation_design", version=6):
         kept = [pair for pair in zip(allowed, is_wanted, strict=True) if pair[0]]
         count = len(report.found.fit.free.friction)
         return PlanSearch(tuple(of for of, _ in kept), tuple(each for _, each in kept), count, self.measuring_time)
-
-    def _is_allowed(self, record: PlannedRecord) -> bool:
-        return self.max_stroke is None or record.stroke <= self.max_stroke
 
     def _plan_records(self, report: FitReport, frequencies: Sequence[float]) -> list[PlannedRecord]:
         """Return what a period of each frequency tells, at each amplitude, of the machine that was found."""

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,6 @@ from fraexp.api import (
     PositionDependentFriction,
     RecordError,
     Result,
-    Segment,
     Signals,
     param,
 )
@@ -309,7 +309,7 @@ def _try_laws(problems: Sequence[MachineProblem]) -> tuple[list[LawTrial], list[
             "choose a law, a quarter of which is held out: record more frequencies"
         )
     held_out = np.arange(len(signals.segments)) % HELD_OUT_STEP == HELD_OUT_STEP // 2
-    kept, others = (replace(signals, segments=_select(signals, chosen)) for chosen in (~held_out, held_out))
+    kept, others = (replace(signals, segments=tuple(compress(signals.segments, at))) for at in (~held_out, held_out))
     fast, slow = ([p for p in problems if p.observer.law.is_vectorisable is each] for each in (True, False))
     few, trials = spread_records(kept), list[LawTrial]()
 
@@ -326,10 +326,6 @@ def _try_laws(problems: Sequence[MachineProblem]) -> tuple[list[LawTrial], list[
     _, remarks = fit_each(candidates(), fit, lambda problem: problem.observer.law.name)
     text = "not tried, as another law explains the records"
     return trials, [*remarks, *(Finding("remark", place=each.observer.law.name, text=text) for each in slow)]
-
-
-def _select(signals: Signals, places: NDArray[np.bool_]) -> tuple[Segment, ...]:
-    return tuple(segment for segment, is_chosen in zip(signals.segments, places, strict=True) if is_chosen)
 
 
 def _with_trials(result: Result, best: LawTrial, trials: Sequence[LawTrial], remarks: Sequence[Finding]) -> Result:

@@ -173,11 +173,6 @@ class CheckedFit(NamedTuple):
     """Standard deviations by which the viscous coefficient was below 0 before it was fixed at 0."""
 
 
-def _size_in_stds(solution: Solution, name: str) -> float:
-    place = solution.model.names().index(name)
-    return float(solution.p[place] / np.sqrt(solution.covariance[place, place]))
-
-
 class ModalFit(Estimator, name="modal_fit", version=10):
     """P_d(s) e^{-Ls} of the paper's eq (1), fitted to the response of `method`: rigid body, modes and dead time.
 
@@ -369,7 +364,8 @@ class ModalFit(Estimator, name="modal_fit", version=10):
         solution, unsupported = self._fit_modes(model, data)
         negative, fall = "", 0.0
         for name in reversed(model.ground):
-            size = _size_in_stds(solution, name)
+            place = solution.model.names().index(name)
+            size = float(solution.p[place] / np.sqrt(solution.covariance[place, place]))
             if size >= (0.0 if name == "viscous_coefficient" else significant_deviation()):
                 continue
             if name == "viscous_coefficient":
