@@ -18,12 +18,11 @@ VISCOUS = "viscous_coefficient"
 LAW_ELEMENTS = 4
 """Elements of a law with a Stribeck effect, where their number is not stated. Half of them make its rise two straight
 lines."""
-STATIC_RATIO, START_RATIO = 1.2, 0.5
-"""Static over Coulomb force at which a search begins, and a ratio of two of the law's numbers."""
+STATIC_RATIO = 1.2
+"""Static over Coulomb force at which a search begins."""
 DAMPING_RATIO, ATTRACTION_RATIO = 0.01, 10.0
 """Damping over that of the Coulomb force at the speed, and attraction over the stiffness times the speed."""
 Model = TypeVar("Model", bound=Parameters)
-CHECK_STEP_S = 1e-3
 
 
 class Number(NamedTuple):
@@ -150,8 +149,9 @@ def unit_of_field(info: FieldInfo) -> str:
 
 def _is_scaled(model: FrictionModel, changed: FrictionModel, scales: tuple[float, float], stroke: float) -> bool:
     motion = stroke * np.sin(np.linspace(0.0, 4 * np.pi, CURVE_POINTS)) * np.linspace(0.1, 1.0, CURVE_POINTS)
-    expected: NDArray[np.float64] = scales[0] * model.force(motion / scales[1], CHECK_STEP_S)
-    found = changed.force(motion, CHECK_STEP_S)
+    step = 1 / CURVE_POINTS  # of a motion of a second
+    expected: NDArray[np.float64] = scales[0] * model.force(motion / scales[1], step)
+    found = changed.force(motion, step)
     return bool(np.abs(found - expected).max() <= ROUNDING * np.abs(expected).max(initial=0.0))
 
 
@@ -289,7 +289,7 @@ def rough_model(
         elif unit in sizes:
             fields[name] = sizes[unit]
         elif unit == "1" and any(getattr(each, "lt", None) for each in info.metadata):
-            fields[name] = START_RATIO
+            fields[name] = sum(each or 0.0 for each in _bounds(info)) / 2
         elif info.is_required() and (stated := _stated_value(law, name)) is not None:
             fields[name] = stated
     return law.parse(fields, law.name)

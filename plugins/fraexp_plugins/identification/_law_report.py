@@ -165,7 +165,8 @@ MAX_MASS_RATIO = 1.25
 
 
 GOOD, ACCEPTABLE = 1.5, 2.0
-"""Residual over its allowance from which on no other law is tried, and up to which a law explains the records."""
+"""Residual over its allowance from which on no other law is tried, and up to which a law explains the records; and in a
+search over that of the best law, up to which all records are tried."""
 NOISE_ALLOWANCE = 6.0
 """Factor on the part of the residual that noise explains by way of friction."""
 ELEMENT_RANGE = (1e-5, 0.9)

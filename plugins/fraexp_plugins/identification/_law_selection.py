@@ -34,7 +34,7 @@ from fraexp_plugins.identification._law_forces import (
     rolling_elements,
     unit_law,
 )
-from fraexp_plugins.identification._law_report import ELEMENT_RANGE, LawChoice, LawFit
+from fraexp_plugins.identification._law_report import ACCEPTABLE, ELEMENT_RANGE, LawChoice, LawFit
 from fraexp_plugins.identification._least_squares import HeldSum, inverse_square, minimise, solve_non_negative
 from fraexp_plugins.identification._line_records import LawSolution, LineRecords, some_frequencies
 
@@ -274,8 +274,6 @@ START_PARTS = np.linspace(0.0, 1.0, 5)
 factor of three leads as far: half as many leave factors of ten between the velocities of records of a wide band."""
 START_RELAXATIONS = (0.03, 0.15, 0.75, 3.0, 12.0)
 """Relaxation times over the sample time, one of which is taken: up to 1.7 times as long ones are made of it."""
-HOPELESS_RATIO = 2.0
-"""Residual in a search over that of the best law from which a law is not looked at any further."""
 NARROW_RANGES = 0.05, 0.2
 """Widths over the largest motion beyond which a law may have no elements."""
 
@@ -351,7 +349,7 @@ class LawSelection:
 
     def _fitted(self, law: LawForces, starts: Sequence[NDArray[np.float64]]) -> LawFit:
         """Return the law to which the best start leads, by all records unless it is hopeless."""
-        place, most = len(self._fits), HOPELESS_RATIO * min((each.residual for each in self._fits), default=np.inf)
+        place, most = len(self._fits), ACCEPTABLE * min((each.residual for each in self._fits), default=np.inf)
         fit = self._searched(law, starts)
         self._fits.append(fit if fit.residual > most else self._judged(fit, self._records))
         self._weigh_by(place)

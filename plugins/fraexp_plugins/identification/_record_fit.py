@@ -27,8 +27,6 @@ MOTION_DIFFERENCE = 0.3
 """Half width of derivatives by a force: the motion that it causes, in resolutions, as a sample tells no less."""
 FIRST_RADIUS = 0.2
 """Largest first step of a shared logarithm, of a force over the control input, and of a drift over the motion."""
-RADIUS_FACTOR = 2.0
-"""Factor on the radius after a step that helped, whose square divides it after one that did not."""
 MAX_SMALL_GAINS = 3
 """Maximum number of steps in a row that gain little, as elements take that share a force in ways that hardly differ."""
 LAST_GAIN = 0.5
@@ -178,7 +176,7 @@ class RecordFit:
         gain = self._loss([record.residual for record in linear.records], linear) - self._loss(residuals, linear)
         is_good = gain > EXPECTED_SHARE * step.gain
         is_small = float(np.abs(step.shared).max(initial=0.0)) < SMALL_STEP and size <= 1
-        factor = RADIUS_FACTOR if gain > 0 else min(size, 1.0) / RADIUS_FACTOR**2
+        factor = 2.0 if gain > 0 else min(size, 1.0) / 4  # of what helped, or of the part of the step that did not
         return _Move(after, positions, gain, factor * radius, gain >= LAST_GAIN or gain <= 0, is_good and is_small)
 
     def _records_after(self, linear: LinearisedFit, move: "_Move") -> LinearisedFit:
