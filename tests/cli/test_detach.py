@@ -53,19 +53,18 @@ def test_a_run_in_the_background_comes_to_its_end_and_notes_its_log(tmp_path):
 
 
 @pytest.mark.parametrize("hard", some([(), ("--kill",)], ()))
-def test_a_run_in_the_background_can_be_stopped(tmp_path, hard):
+def test_a_run_in_the_background_can_be_stopped(tmp_path, monkeypatch, capsys, hard):
+    monkeypatch.chdir(tmp_path)
     started = json.loads(fraexp(tmp_path, "run", *SLOW, "--detach", "--json").stdout)["started"]
     wait_until(lambda: " worker" in Path(started["log"]).read_text(encoding="utf-8"))
     assert state(tmp_path) == "running"
-    told = fraexp(tmp_path, "stop", "1", *hard)
-    assert told.returncode == ExitCode.OK, told.stderr
-    assert "run 1 is " in told.stderr
+    assert main(["stop", "1", *hard]) == ExitCode.OK
+    assert "run 1 is " in capsys.readouterr().err
     wait_until(lambda: state(tmp_path) == "interrupted")
     wait_until(lambda: not _lives(started["pid"]))
-    again = fraexp(tmp_path, "stop", "1")
-    assert again.returncode == ExitCode.USAGE
+    assert main(["stop", "1"]) == ExitCode.USAGE
     how = "process lost" if hard else "stopped"
-    assert again.stderr == f"fraexp: run 1 is {how}; it cannot be stopped\n"
+    assert capsys.readouterr().err == f"fraexp: run 1 is {how}; it cannot be stopped\n"
 
 
 def _lives(group: int) -> bool:
