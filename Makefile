@@ -4,6 +4,7 @@ ENV   := .venv
 BIN   := $(ENV)/bin
 STAMP := $(ENV)/.ready
 TOOLS := $(ENV)/.tools
+DOCS  := $(ENV)/.docs
 UV    ?= uv
 
 # Running needs a quarter of the packages' bytecode: the first import writes it, whatever the environment says.
@@ -34,12 +35,12 @@ run: $(STAMP)
 test: check
 	@$(BIN)/python -m pytest -n auto --dist worksteal $(ARGS)
 
-test-all: check
+test-all: check $(DOCS)
 	@$(BIN)/python benchmarks/kernel.py --reduced --slack 1.5
 	@$(BIN)/python -m pytest -n auto --dist worksteal -m "" --hypothesis-profile thorough $(ARGS)
 
 # Lines and branches that either suite runs; and how often and in which time `make test` passes beside other work.
-coverage: $(TOOLS)
+coverage: $(DOCS)
 	@$(BIN)/python benchmarks/suite.py coverage $(ARGS)
 
 endurance: check
@@ -73,7 +74,7 @@ bench: $(TOOLS)
 
 # Into build/site, without network. The variables silence advertisements: of the theme, for the successor of MkDocs by
 # its makers, and of a package that some plugins of MkDocs bring, for itself.
-docs: $(TOOLS)
+docs: $(DOCS)
 	@NO_MKDOCS_2_WARNING=1 DISABLE_MKDOCS_2_WARNING=true \
 	  $(BIN)/python -m mkdocs build --strict --config-file docs/site/mkdocs.yml $(ARGS)
 	@echo build/site/index.html
@@ -86,13 +87,14 @@ docs-figures: $(TOOLS)
 wheel: $(TOOLS)
 	@$(BIN)/hatchling build --target wheel
 
-# All is resolved at once, and running needs a part of it: both locks pin the same versions.
+# All is resolved at once; developing needs a part of it, and running a part of that: all locks pin the same versions.
 COMPILE := pip compile pyproject.toml --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
            --no-emit-index-url --no-annotate --no-header --quiet
 
 lock:
 	@command -v $(UV) > /dev/null || { echo "make lock: uv not found; install it, for example with pip install uv" >&2; exit 1; }
-	@$(UV) $(COMPILE) --group dev $(ARGS) --output-file requirements-dev.lock
+	@$(UV) $(COMPILE) --group docs $(ARGS) --output-file requirements-docs.lock
+	@$(UV) $(COMPILE) --group dev --constraint requirements-docs.lock --output-file requirements-dev.lock
 	@$(UV) $(COMPILE) --group build --constraint requirements-dev.lock --output-file requirements.lock
 
 clean:
@@ -119,11 +121,19 @@ $(STAMP): pyproject.toml requirements.lock
 	printf %s "$(CURDIR)" > $@
 
 # Meanwhile the stamp is away: an interruption leaves what is half installed, a failure (no network) does not.
-$(TOOLS): $(STAMP) requirements-dev.lock
-	@echo "adding the tools of development to $(ENV), once: about a minute" >&2
+define ADD
+	@echo "adding $(1) to $(ENV), once: about a minute" >&2
 	@set -e; \
 	mv $(STAMP) $(STAMP).kept; \
-	$$(cat $(ENV)/.pip) $(PIP_INSTALL) --require-hashes --requirement requirements-dev.lock || \
+	$$(cat $(ENV)/.pip) $(PIP_INSTALL) --require-hashes --requirement $(2) || \
 	  { mv $(STAMP).kept $(STAMP); exit 1; }; \
 	mv $(STAMP).kept $(STAMP); \
 	touch $@
+endef
+
+$(TOOLS): $(STAMP) requirements-dev.lock
+	$(call ADD,the tools of development,requirements-dev.lock)
+
+# The site and the notebooks.
+$(DOCS): $(TOOLS) requirements-docs.lock
+	$(call ADD,what documentation needs,requirements-docs.lock)

@@ -9,13 +9,14 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import Any
-
-from mkdocs.config.defaults import MkDocsConfig
-from mkdocs.structure.files import File, Files
-from mkdocs.structure.pages import Page
+from typing import TYPE_CHECKING, Any
 
 from fraexp.components.registry import discover
+
+if TYPE_CHECKING:
+    from mkdocs.config.defaults import MkDocsConfig
+    from mkdocs.structure.files import Files
+    from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[2]
 MOVED = {
@@ -32,7 +33,7 @@ SCRIPT = re.compile(r"<script\b.*?</script>", re.DOTALL)
 PAGE_LINK = re.compile(r'(?<= href=")(?!https?:)([^"#]+)\.(?:md|ipynb)(?=["#])')
 
 
-def on_config(config: MkDocsConfig) -> MkDocsConfig:
+def on_config(config: "MkDocsConfig") -> "MkDocsConfig":
     """Replace folders in the navigation by their pages."""
     assert config.nav is not None
     config.nav = list(_expanded(config.nav, Path(config.docs_dir)))
@@ -54,8 +55,10 @@ def _expanded(entries: list[Any], docs: Path) -> Iterator[Any]:
             yield entry
 
 
-def on_files(files: Files, config: MkDocsConfig) -> Files:
+def on_files(files: "Files", config: "MkDocsConfig") -> "Files":
     """Add the pages that lie elsewhere in the repository, and those that are generated."""
+    from mkdocs.structure.files import File  # tests of links need no MkDocs
+
     found = files.get_file_from_path("README.md")
     assert found is not None
     files.remove(found)
@@ -78,7 +81,7 @@ def _script(name: str) -> ModuleType:
     return module
 
 
-def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+def on_page_markdown(markdown: str, page: "Page", config: "MkDocsConfig", files: "Files") -> str:
     """Let the links of a page, which are right in the repository, be right in the site."""
     path = page.file.src_uri
     if path == REFERENCE:
@@ -98,7 +101,7 @@ def _moved_link(link: re.Match[str], source: str, path: str) -> str:
     return f"{link['text']}({Path(place).as_posix()}{link['anchor'] or ''})"
 
 
-def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+def on_page_content(html: str, page: "Page", config: "MkDocsConfig", files: "Files") -> str:
     """Mend what nbconvert makes of a notebook: MathJax and Mermaid from another host, and links to sources of pages."""
     if not page.file.src_uri.endswith(".ipynb"):
         return html

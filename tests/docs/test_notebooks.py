@@ -1,9 +1,9 @@
 """The notebooks are executed as they stand, and what they find is right by number."""
 
+import json
 import runpy
 from pathlib import Path
 
-import nbformat
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -47,10 +47,11 @@ def test_each_notebook_is_checked() -> None:
 
 @pytest.mark.parametrize("name", CHECKS)
 def test_each_code_cell_that_shows_something_shows_it_on_its_page(name: str) -> None:
-    cells = [cell for cell in nbformat.read(NOTEBOOKS[name], as_version=4).cells if cell.cell_type == "code"]
-    assert all(cell.execution_count for cell in cells), "run: .venv/bin/python docs/run_notebooks.py"
-    assert sum(bool(cell.outputs) for cell in cells) > len(cells) / 2
-    assert not any(output.output_type == "error" for cell in cells for output in cell.outputs)
+    notebook = json.loads(NOTEBOOKS[name].read_text("utf-8"))
+    cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert all(cell["execution_count"] for cell in cells), "run: .venv/bin/python docs/run_notebooks.py"
+    assert sum(bool(cell["outputs"]) for cell in cells) > len(cells) / 2
+    assert not any(output["output_type"] == "error" for cell in cells for output in cell["outputs"])
 
 
 @pytest.mark.thorough
