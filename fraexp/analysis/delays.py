@@ -54,6 +54,10 @@ def _image_factor(
 ) -> NDArray[np.complex128]:
     """Return the factor from numbers as bytes, which are hashable: estimators and sweeps share frequencies."""
     omega, sample_time = np.frombuffer(omegas), np.frombuffer(sample_times)
+    if omega.nbytes * IMAGES_PER_SIDE > MAX_FACTORS_BYTES:  # one half after the other: all images take more memory
+        halves = zip(np.array_split(omega, 2), np.array_split(sample_time, 2), strict=True)
+        args = (dead_time, lags, relative_degree)
+        return np.concatenate([_image_factor(a.tobytes(), b.tobytes(), *args) for a, b in halves])
     k = np.concatenate([np.arange(-IMAGES_PER_SIDE, 0), np.arange(1, IMAGES_PER_SIDE + 1)])
     spacing = k * (2 * np.pi / sample_time[..., None])
     image = omega[..., None] + spacing

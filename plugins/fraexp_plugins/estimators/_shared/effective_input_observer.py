@@ -31,8 +31,6 @@ from fraexp_plugins.estimators._shared.measured_motion import clear_power
 
 EFFECTIVE_INPUT = "u_e"
 """Name of the channel û_e."""
-MAX_TABULATED_SAMPLES = 4096
-"""Samples of a record up to which the shifts of its Fourier series are cached: many sweeps share them."""
 CACHE_BYTES = 1 << 26
 """Memory of all that is cached of one kind, 64 MiB: half of it computes the shifts of long records again."""
 LEAST_POINTS, MOST_POINTS = 4, 64
@@ -40,8 +38,6 @@ LEAST_POINTS, MOST_POINTS = 4, 64
 TOLERANCE_RATIO = 10.0
 """Tolerated error of y'/û_e over that of y'/u, and of y'/u over that of a replay: the effective input is a small
 difference. Half of it makes replays a third faster, and their error twice as large."""
-FREQUENCIES_PER_BLOCK = 8192
-"""Frequencies at which the aliasing images are summed at once: a hundred numbers each."""
 
 
 class _TriedForce(NamedTuple):
@@ -73,7 +69,7 @@ class ObserverEstimator(DelayedEstimator, ABC):
         "points per sample at which y' drives the friction model; 0 for what the tolerance needs",
         0,
         at_least=0,
-        at_most=64,
+        at_most=MOST_POINTS,
     )
     interpolation_tolerance: float = param(
         "1",
@@ -385,9 +381,8 @@ def _record_path(delays: LoopDelays, size: int, sample_time: float) -> NDArray[n
 
     This is the slowest part, and the same for each realisation and each friction model: hence the cache.
     """
-    omega = 2 * np.pi * np.fft.rfftfreq(size, sample_time)
-    parts = np.array_split(omega, -(-omega.size // FREQUENCIES_PER_BLOCK))
-    return np.concatenate([delays.input_path(part, sample_time) * delays.output_path(part) for part in parts])
+    omega = np.asarray(2 * np.pi * np.fft.rfftfreq(size, sample_time), dtype=np.float64)
+    return delays.input_path(omega, sample_time) * delays.output_path(omega)
 
 
 def _significant_terms(bins: NDArray[np.complex128], variance: float) -> NDArray[np.complex128]:
@@ -401,12 +396,11 @@ def is_from_rest(segment: Segment) -> bool:
 
 
 def resample(bins: NDArray[np.complex128], samples: int, points: int) -> NDArray[np.float64]:
-    """Return a Fourier series at `points` points per sample, shape (samples points,)."""
-    if samples <= MAX_TABULATED_SAMPLES:  # `points` transforms of the record's own length, whose factors are small
-        return np.fft.irfft(bins * _shifts(samples, points), samples, axis=1).T.ravel()
-    if samples % 2 == 0:
-        bins = np.append(bins[:-1], bins[-1] / 2)  # the Nyquist line counts twice
-    return np.fft.irfft(bins, samples * points) * points
+    """Return a Fourier series at `points` points per sample, shape (samples points,).
+
+    By `points` transforms of the record's own length, whose factors are small.
+    """
+    return np.fft.irfft(bins * _shifts(samples, points), samples, axis=1).T.ravel()
 
 
 @cached_arrays(CACHE_BYTES)

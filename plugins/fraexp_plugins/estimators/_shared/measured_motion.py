@@ -27,8 +27,6 @@ from fraexp.api import (
     significant_deviation,
 )
 
-NEGLIGIBLE_SHARE = 1e-5
-"""Step over the range of a channel below which its rounding is negligible: that of the numbers in a file."""
 ROUNDING_HARMONICS = 200
 """Terms of the Fourier series of the rounding error over one quantisation step."""
 COHERENCE = 2.0
@@ -36,7 +34,7 @@ COHERENCE = 2.0
 rests, neighbouring terms err alike. In the loop of the paper at 12 N it is 2.1 over 1 to 55 Hz."""
 LEAST_ERROR = 0.1
 """Relative error of a term that friction predicts, at least: a measured term is never given up for it altogether."""
-MIN_NEIGHBOURS, NEIGHBOUR_SHARE = 4, 3
+MIN_NEIGHBOURS = 4
 """Terms on either side from which the power of a weak one is taken: so many, or one of so many of the terms below it,
 because the spectrum of a motion falls over a ratio of frequencies."""
 
@@ -158,7 +156,7 @@ def _shares(terms: NDArray[np.complex128], variance: float) -> NDArray[np.float6
     for first in (1, 2):
         own = power[first::2]
         excess, number = np.minimum(own, clear) - 1, np.arange(own.size)
-        reach = np.maximum(MIN_NEIGHBOURS, number // NEIGHBOUR_SHARE)
+        reach = np.maximum(MIN_NEIGHBOURS, number // MIN_NEIGHBOURS)
         begin, behind = np.maximum(number - reach, 0), np.minimum(number + reach + 1, own.size)
         sums = np.concatenate([[0.0], np.cumsum(excess)])
         mean = (sums[behind] - sums[begin]) / (behind - begin)
@@ -188,8 +186,7 @@ def recorded_step(segments: Sequence[Segment], channel: str) -> float:
     if any(segment.settling is not None or segment.stated is not None for segment in segments):
         return 0.0
     samples = np.concatenate([segment.channels[channel].ravel() for segment in segments])
-    step = grid_step(samples)
-    return step if step >= NEGLIGIBLE_SHARE * float(np.ptp(samples)) else 0.0
+    return grid_step(samples)
 
 
 def repeated_share(resolution: float, noise: float) -> float:

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from fraexp.api import FrequencyResponse, Segment, record_spectrum
 
-MIN_PERIODS = 4
-"""Periods from which the nearest lines show the noise."""
-MIN_SIZE_LINES, SIZE_LINES = 2, 1 / 4
-"""Lines on either side that show the size of the noise: at least, and for each period; twice as many its direction.
-Half of them make its band a quarter wider."""
+PERIODS_PER_LINE = 4
+"""Periods for each line on either side that shows the size of the noise, and the least number of them; twice as many
+lines show its direction. Half of it takes lines farther away, where friction modulates the noise less."""
+MIN_LINES = 2
+"""Lines on either side, at least. Half of them make the band a quarter wider."""
 
 
 def with_noise_of_neighbours(
@@ -38,9 +38,9 @@ def with_noise_of_neighbours(
         lines = slice(begin, begin + segment.lines.size)
         begin = lines.stop
         periods = len(segment.channels[channels[1]])
-        if periods < MIN_PERIODS or segment.lines.size > 1 or segment.stated is not None:
+        if periods < PERIODS_PER_LINE or segment.lines.size > 1 or segment.stated is not None:
             continue  # between the lines of a multisine there is what each of them leaves
-        reach = min(max(MIN_SIZE_LINES, round(SIZE_LINES * periods)), periods - 1)
+        reach = max(MIN_LINES, periods // PERIODS_PER_LINE)
         relative = _relative_covariance(segment, channels, periods, reach)
         turned = _as_matrices(response.response[lines])
         degrees = 4 * reach

@@ -15,11 +15,9 @@ from fraexp.api import FrequencyResponse
 from fraexp_plugins.estimators._shared.measured_motion import LEAST_ERROR, LikelyTerms, MeasuredMotion
 
 BANDWIDTH = 0.3
-"""Natural logarithm of the ratio of frequencies up to which harmonics count."""
+"""Natural logarithm of the ratio of frequencies up to which harmonics, or points of a response, count as near."""
 MIN_CLEAR_HARMONICS = 8
 """Number of harmonics within the bandwidth, which stand out of the noise, from which the plant is known."""
-UPPER_RANGE = 2.0
-"""Ratio of the highest frequency to the lowest one at which a response counts as above the modes."""
 MAX_ERROR = 1.0
 """Relative error from which a plant is unknown, even by its sign. With half of it fewer terms are predicted; the power
 of their neighbours, which takes the place of a prediction, is no better near a mode, and misses in one direction."""
@@ -142,6 +140,6 @@ def gain_above_modes(response: FrequencyResponse, relative_degree: int) -> float
     """Return c of a plant that falls as c/(jω)^r [m/(N s^r)], from the highest frequencies of its response."""
     usable = np.isfinite(response.response) & (response.frequency > 0)
     frequency, values = response.frequency[usable], response.response[usable]
-    upper = frequency >= frequency.max(initial=0.0) / UPPER_RANGE
+    upper = frequency >= frequency.max(initial=0.0) * np.exp(-BANDWIDTH)
     gains = np.real(values[upper] * (2j * np.pi * frequency[upper]) ** relative_degree)
     return float(np.median(gains)) if gains.size else 0.0

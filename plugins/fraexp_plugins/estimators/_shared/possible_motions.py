@@ -32,12 +32,8 @@ MAX_POINTS = 1024
 """Points of a period at which a friction model is driven along drawn motions: most of their own errors cancel."""
 FINER = 8
 """Factor by which the motion that the observer took is interpolated more finely."""
-POINTS_MULTIPLE = 16
-"""Numbers of points of which a Fourier transform is fast are multiples of it."""
 SEGMENTS_AT_ONCE = 16
-"""Segments whose motions are run side by side: they fill the lanes, in some 50 MB."""
-ROUNDS = 2
-"""Times that the friction force is found: along the clear terms, and along what it makes likely."""
+"""Segments whose motions are run side by side: they fill the lanes, in some 50 MB. Half of them leave lanes empty."""
 
 
 def likely_motions(
@@ -47,24 +43,20 @@ def likely_motions(
 
     Where nothing is excited, and not at rest, the friction force alone causes the motion.
     """
-    plant, measured = guess, [MeasuredMotion.of(segment, observer.output, observer.encoder) for segment in segments]
-    motions = [np.where(each.is_clear, each.terms, 0) for each in measured]
-    for _ in range(ROUNDS):
-        driving = [
-            motions_of(observer, segment, terms[None], each.duration)[0]
-            for segment, terms, each in zip(segments, motions, measured, strict=True)
-        ]
-        caused = []
-        for force, each in zip(observer.law.forces(driving), measured, strict=True):
-            own = np.fft.rfft(force)[: each.terms.size] / force.size * observer.force_factor(each.omega)
-            own[each.lines], own[0] = 0, 0
-            caused.append(own)
-        plant = fit_above_modes([Harmonics.of(*pair) for pair in zip(measured, caused, strict=True)], guess)
-        likely = [plant.likely_terms(each.omega, force) for each, force in zip(measured, caused, strict=True)]
-        pairs = zip(segments, likely, strict=True)
-        measured = [MeasuredMotion.of(segment, observer.output, observer.encoder, own) for segment, own in pairs]
-        motions = [each.posterior for each in measured]
-    return plant, measured
+    measured = [MeasuredMotion.of(segment, observer.output, observer.encoder) for segment in segments]
+    driving = [
+        motions_of(observer, segment, np.where(each.is_clear, each.terms, 0)[None], each.duration)[0]
+        for segment, each in zip(segments, measured, strict=True)
+    ]
+    caused = []
+    for force, each in zip(observer.law.forces(driving), measured, strict=True):
+        own = np.fft.rfft(force)[: each.terms.size] / force.size * observer.force_factor(each.omega)
+        own[each.lines], own[0] = 0, 0
+        caused.append(own)
+    plant = fit_above_modes([Harmonics.of(*pair) for pair in zip(measured, caused, strict=True)], guess)
+    likely = [plant.likely_terms(each.omega, force) for each, force in zip(measured, caused, strict=True)]
+    pairs = zip(segments, likely, strict=True)
+    return plant, [MeasuredMotion.of(segment, observer.output, observer.encoder, own) for segment, own in pairs]
 
 
 def draw_motions(motion: MeasuredMotion, seed: int) -> NDArray[np.complex128]:
@@ -175,7 +167,6 @@ def motions_of(
         points = min(points, max(MAX_POINTS, 2 * terms.shape[1]))
     else:
         before = observer.lead_in(segment)
-    points += -points % POINTS_MULTIPLE
     bins = terms / path_response(2 * np.pi / duration * np.arange(terms.shape[1]), 0.0, observer.output_time_constants)
     motions = np.fft.irfft(bins, points) * (points / observer.displacement_scale)
     return [Motion(x, duration / points, True, before, segment.sample_time) for x in motions]

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    CURVE_POINTS,
     ROUNDING,
     FrictionModel,
     Motion,
@@ -21,10 +22,8 @@ from fraexp_plugins.estimators._shared.effective_input_observer import ObserverE
 
 MIN_HIDDEN_SHARE = 0.05
 """Share of the friction force, from which it counts as hidden, that a motion too small to be seen can change."""
-PROBE_M, PROBE_STEPS, SLOW_STEP_S = 1e-3, 200, 1e3
-"""A slow motion on which friction reaches its greatest force: length [m], steps, and their duration [s]."""
-MAX_STOP_RATIO = 10.0
-"""Motion in a sample that counts as standstill on a stop, over the motion that the record cannot show, at most."""
+PROBE_M, SLOW_STEP_S = 1e-3, 1e3
+"""A slow motion on which friction reaches its greatest force: length [m], and duration of a step [s]."""
 UNSAMPLED_SHARE = 1 / 3
 """Sum of the harmonics beyond the Nyquist frequency over that of the octave below: they fall with their third power,
 because acceleration jumps where a machine sticks or breaks away."""
@@ -106,7 +105,7 @@ def _find_doubts(observer: ObserverEstimator, segments: Sequence[Segment]) -> li
         change = float(2 * observer.force_scale * np.abs(force).max())
         share = min(change / (2 * greatest), 1.0)
         if share >= MIN_HIDDEN_SHARE:
-            doubts.append(_Doubt(index, float(np.clip(stop, motion, MAX_STOP_RATIO * motion)), ratio * change, share))
+            doubts.append(_Doubt(index, max(stop, motion), ratio * change, share))
     return doubts
 
 
@@ -114,7 +113,7 @@ def _greatest_force(friction: FrictionModel) -> float:
     """Return the greatest force [N] of the friction model: its bound, or what it reaches on a slow motion."""
     if friction.force_bound is not None:
         return friction.force_bound
-    force = friction.force(np.linspace(0.0, PROBE_M, PROBE_STEPS), SLOW_STEP_S)
+    force = friction.force(np.linspace(0.0, PROBE_M, CURVE_POINTS), SLOW_STEP_S)
     return float(np.abs(force).max())
 
 
