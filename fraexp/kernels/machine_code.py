@@ -25,6 +25,7 @@ from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import _Cache
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
+from numba.core.errors import NumbaError
 from numba.core.registry import cpu_target
 from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
@@ -105,9 +106,17 @@ def _digest(code: bytes) -> bytes:
 
 
 def compile_kernel(
-    name: str, source: str, make: Callable[[], Any], signature: tuple[types.Type, ...], **options: Any
+    name: str,
+    source: str,
+    make: Callable[[], Any],
+    signature: tuple[types.Type, ...],
+    *,
+    is_explained: bool = True,
+    **options: Any,
 ) -> Dispatcher:
     """Return a compiled function: from the cache, or compiled now and cached.
+
+    What the compiler refuses is compiled again, for its error, or with `is_explained` False is refused at once.
 
     Parameters
     ----------
@@ -133,10 +142,14 @@ def compile_kernel(
         return kernel
     refused = path.with_suffix(".refused")
     with _compile_lock(path):
+        if refused.exists() and not is_explained:
+            raise NumbaError(f"{name}: refused before")
         is_new = not path.exists() and not refused.exists()  # another process may have tried it while this one waited
         try:
             with announced_compilation() if is_new else contextlib.nullcontext():
                 kernel.compile(signature)
+        except MemoryError:
+            raise
         except Exception:  # it fails again in each process, but within a second: nothing to announce
             with contextlib.suppress(OSError):
                 refused.touch()

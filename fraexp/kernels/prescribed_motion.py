@@ -245,6 +245,7 @@ def compiled_block(law: Law, kinds: ArgumentKinds, layout: LaneLayout) -> Dispat
             kernel_source_hash() + fingerprint(law),
             lambda: _make_block(registered, kinds, layout, is_observed),
             _BLOCK_SIGNATURE,
+            is_explained=not layout.is_vectorised,
             error_model="numpy",
         )
 
