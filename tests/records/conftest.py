@@ -10,6 +10,7 @@ import pytest
 from fraexp.components.registry import Registry
 from fraexp.data.signals import Signals
 from fraexp.records import RecordSettings, load, resolve
+from fraexp.reports.stored_figures import StoredFigures
 
 
 class Bench:
@@ -41,6 +42,12 @@ class Bench:
     def response(self, frequency: np.ndarray) -> np.ndarray:
         """Output over input [m/A] with the output's sign turned."""
         return -0.5e-3 * np.exp(-2j * np.pi * frequency * 3 / self.rate)
+
+
+@pytest.fixture(autouse=True)
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw nothing: a figure takes longer than to read a record, and other tests look at figures."""
+    monkeypatch.setattr(StoredFigures, "_draw_group", lambda *_: True)
 
 
 @pytest.fixture(scope="session")
