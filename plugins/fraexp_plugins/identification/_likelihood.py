@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import CONVERGED, MAX_ITERATIONS, ROUNDING, SIGNIFICANCE, Signals
+from fraexp.api import COARSE_DIFFERENCE, CONVERGED, MAX_ITERATIONS, ROUNDING, SIGNIFICANCE, Signals
 
 MODEL_ERROR = 0.3
 """Standard deviation of the error of a right model, over noise and rounding: it adds 4 % to a residual. Replays have
@@ -30,8 +30,6 @@ def greatest_chance_gain(added: int, freedom: float) -> float:
     return float(1 + added / freedom * fdtri(added, freedom, 1 - SIGNIFICANCE))
 
 
-FAR_OUT = -30.0
-"""Standard deviations at which Φ is too small a number: logarithms of it are taken there, which take longer."""
 LOG_NORMAL_PEAK = 0.5 * np.log(2 * np.pi)
 
 
@@ -71,7 +69,9 @@ def _log_difference(upper: NDArray[np.float64], lower: NDArray[np.float64]) -> N
     """Return ln(Φ(upper) - Φ(lower)); logarithms of Φ take several times as long, and are needed far out only."""
     from scipy.special import log_ndtr, ndtr  # slow to import: listing plugins must stay fast
 
-    found, far = np.log(np.maximum(ndtr(upper) - ndtr(lower), 1e-300)), upper <= FAR_OUT
+    probability = ndtr(upper) - ndtr(lower)
+    far = probability < np.finfo(float).tiny
+    found = np.log(np.where(far, 1.0, probability))
     if far.any():
         log_upper, log_lower = log_ndtr(upper[far]), log_ndtr(lower[far])
         found[far] = log_upper + np.log1p(-np.exp(np.minimum(log_lower - log_upper, -1e-300)))
@@ -266,8 +266,6 @@ a sine has some 1e-3 of the first."""
 NOISE_RANGE = (3e-3, 3.0)
 """Noise that is looked for over the residual: rounding makes a residual without noise, and less than its least hardly
 changes a likelihood."""
-LOG_DIFFERENCE = 0.05
-"""Half width of the second difference by the logarithm of the noise: a few times a standard deviation of some 1e-2."""
 
 
 def noise_in_records(signals: Signals, output: str, resolution: float) -> float:
@@ -317,7 +315,8 @@ def likely_noise(records: Sequence[LinearRecord], freedom: float) -> NoiseLevel:
 
     found = minimize_scalar(loss, bounds=np.log(NOISE_RANGE), method="bounded")
     log = float(found.x)
-    curvature = (loss(log + LOG_DIFFERENCE) - 2 * loss(log) + loss(log - LOG_DIFFERENCE)) / LOG_DIFFERENCE**2
+    around = [loss(log + step) for step in (-COARSE_DIFFERENCE, 0.0, COARSE_DIFFERENCE)]
+    curvature = float(np.diff(around, 2)[0]) / COARSE_DIFFERENCE**2
     value = size * float(np.exp(log)) * float(np.sqrt(residual.size / freedom))
     std = value / float(np.sqrt(curvature)) if curvature > 0 else np.inf
     return NoiseLevel(value, std, -float(found.fun) / residual.size)

@@ -12,6 +12,7 @@ from fraexp_plugins.estimators._shared.parameter_uncertainty import parameter_un
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.friction.none import Frictionless
 from fraexp_plugins.identification._law_numbers import VISCOUS, nonzero_numbers
+from fraexp_plugins.identification._likelihood import MODEL_ERROR
 
 FORCE_SCALE, DISPLACEMENT_SCALE = "force_scale", "displacement_scale"
 SCALES = (FORCE_SCALE, DISPLACEMENT_SCALE)
@@ -22,9 +23,9 @@ NOISE = "noise"
 MAX_LOG, MAX_DEAD_TIME_SAMPLES = 5.0, 100.0
 """Bounds of the search: logarithm of a factor, change of the dead time in samples. They only keep numbers from
 overflowing that the records do not tell."""
-REPLAY_ERROR, STEP_ERROR_SHARE, MAX_STEP_ERROR = 1e-5, 0.3, 1e-4
-"""Error over the motion that the steps of a replay cause at least, their share of noise and rounding, and the greatest
-one. A finer replay corrects what they do to the result; smaller steps take up to three times as long."""
+REPLAY_ERROR = 1e-5
+"""Error over the motion that the steps of a replay cause at least; at most it is `TOLERANCE_RATIO` times as large. A
+finer replay corrects what they do to the result. Half of it takes up to three times as long."""
 
 
 @dataclass(frozen=True)
@@ -234,10 +235,10 @@ class MachineProblem:
 
     @property
     def _step_tolerance(self) -> float:
-        """Relative error of the motion that the steps of a replay may cause."""
+        """Relative error of the motion that the steps of a replay may cause: that of a right model, if it is small."""
         motion = max(float(np.ptp(each.channels[self.observer.output])) for each in self.signals.segments) / 2
         error = np.hypot(self.observer.noise, self.observer.resolution / np.sqrt(12)) / motion
-        return float(np.clip(STEP_ERROR_SHARE * error, REPLAY_ERROR, MAX_STEP_ERROR))
+        return float(np.clip(MODEL_ERROR * error, REPLAY_ERROR, TOLERANCE_RATIO * REPLAY_ERROR))
 
     def leave_out(self, name: str) -> "MachineProblem":
         """Return the problem in which a parameter stays as it is at the start."""
