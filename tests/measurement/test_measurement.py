@@ -240,6 +240,7 @@ def test_noise_that_the_study_does_not_state_keeps_no_point_from_settling(worksp
 
 
 STUCK = 'measurement.machine.friction={name="coulomb", coulomb_force=500}'
+SHORT = ("measurement.max_record_time=3", "excitation.settling_timeout=2")
 NO_ENCODER = ("loop.noise=0", "loop.resolution=0", "measurement.band=0.1")
 
 
@@ -247,7 +248,7 @@ NO_ENCODER = ("loop.noise=0", "loop.resolution=0", "measurement.band=0.1")
 def test_an_axis_that_does_not_move_ends_the_measurement_at_the_first_point(
     workspace: WorkspaceService, encoder: tuple[str, ...]
 ) -> None:
-    service = MeasurementService(workspace, "axis", [STUCK, *encoder])
+    service = MeasurementService(workspace, "axis", [STUCK, *SHORT, *encoder])
     with refused(MachineError, "100 Hz", "excitation.amplitude"):
         list(service.measure_points())
     assert service.files(service.tasks[0]).points() == []  # it is measured once the brake is released
