@@ -81,8 +81,8 @@ def test_a_list_of_runs_loads_neither_parameters_nor_plugins(tmp_path: Path) -> 
 
 def test_the_trial_of_a_law_loads_neither_the_compiler_nor_figures() -> None:
     law = {"name": "dahl", "stiffness": 1e5, "coulomb_force": 10.0}
-    code = "from fraexp.components.registry import discover; from fraexp.views.law_trial import LawTrial, SineMotion"
-    loaded = loaded_by(f"{code}; LawTrial({law}, SineMotion(), discover()).describing_function()")
+    code = "from fraexp.components.registry import discover; from fraexp.views.law_trial import SineTrial, SineMotion"
+    loaded = loaded_by(f"{code}; SineTrial({law}, SineMotion(), discover()).describing_function()")
     assert loaded & {"numba", "matplotlib"} == set()
 
 

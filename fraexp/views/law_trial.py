@@ -74,7 +74,7 @@ def trial_overrides(spec: Mapping[str, object], sine: SineMotion) -> list[str]:
     ]
 
 
-class LawTrial:
+class SineTrial:
     """A friction law with its parameters and a time limit; FraexpError names a fault in one line."""
 
     def __init__(self, spec: Mapping[str, object], sine: SineMotion, registry: Registry) -> None:

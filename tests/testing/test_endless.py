@@ -12,7 +12,7 @@ from fraexp.components.registry import discover
 from fraexp.errors import PluginError
 from fraexp.testing import findings
 from fraexp.testing.check_report import Verdict
-from fraexp.views.law_trial import LawTrial, SineMotion
+from fraexp.views.law_trial import SineMotion, SineTrial
 from tests.examples import thorough
 from tests.refusals import refused
 
@@ -109,7 +109,7 @@ def test_a_run_ends_in_one_line(line: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("line", [FOREVER, IN_C[1]])
 def test_a_trial_by_hand_ends_in_one_line(line: str, tmp_path: Path) -> None:
     with refused(PluginError, "mine", "mine.py", f"line {LINE}"):
-        LawTrial({"name": "mine"}, SineMotion(), discover(dropped(tmp_path, line) / "plugins")).loop()
+        SineTrial({"name": "mine"}, SineMotion(), discover(dropped(tmp_path, line) / "plugins")).loop()
 
 
 @pytest.mark.thorough

@@ -7,7 +7,7 @@ from fraexp.components.registry import discover
 from fraexp.errors import FraexpError
 from fraexp.store import Store
 from fraexp.views.entries import apply_texts, example_spec, parameter_entries, without_defaults
-from fraexp.views.law_trial import STEPS_PER_PERIOD, TRIAL_STUDY, LawTrial, SineMotion, trial_overrides
+from fraexp.views.law_trial import STEPS_PER_PERIOD, TRIAL_STUDY, SineMotion, SineTrial, trial_overrides
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.examples import thorough
 from tests.refusals import refused
@@ -20,7 +20,7 @@ DAHL = {"name": "dahl", "stiffness": 3.9e5, "coulomb_force": 17.9, "viscous_coef
 def test_an_ideal_element_has_its_describing_function_of_the_textbook(registry):
     """K = Y = 1 at an amplitude of 2 µm, in units of 1 µm: 0.5 + j/π (Gelb and Vander Velde 1968)."""
     spec = {"name": "rolling", "stiffness": [1e6], "limit_force": [1.0]}
-    trial = LawTrial(spec, SineMotion(amplitude=2e-6), registry)
+    trial = SineTrial(spec, SineMotion(amplitude=2e-6), registry)
     assert trial.loop().describing_function / 1e6 == pytest.approx(0.5 + 1j / np.pi, abs=2e-3)
     assert trial.loop().energy == pytest.approx(4e-6, rel=1e-3)  # 4 Fc (A - Y)
     amplitudes, values = trial.describing_function()
@@ -29,7 +29,7 @@ def test_an_ideal_element_has_its_describing_function_of_the_textbook(registry):
 
 
 def test_viscous_friction_is_part_of_the_force(registry):
-    trial = LawTrial({"name": "none", "viscous_coefficient": 3.0}, SineMotion(amplitude=1e-3, frequency=2.0), registry)
+    trial = SineTrial({"name": "none", "viscous_coefficient": 3.0}, SineMotion(amplitude=1e-3, frequency=2.0), registry)
     assert trial.loop().describing_function == pytest.approx(1j * 2 * np.pi * 2.0 * 3.0, rel=1e-3)
 
 
@@ -37,7 +37,7 @@ def test_viscous_friction_is_part_of_the_force(registry):
 @pytest.mark.parametrize("spec", [DAHL, pytest.param(LUGRE, marks=pytest.mark.thorough)])
 def test_the_study_at_the_top_gives_the_same_loop(tmp_path, spec):
     workspace, sine = WorkspaceService.open(tmp_path), SineMotion(amplitude=5e-5, frequency=2.0)
-    loop = LawTrial(spec, sine, workspace.registry).loop()
+    loop = SineTrial(spec, sine, workspace.registry).loop()
     for _ in workspace.run([TRIAL_STUDY], "serial", trial_overrides(spec, sine)):
         pass
     with Store.open(workspace.database, read_only=True) as store:
@@ -64,7 +64,7 @@ def test_every_friction_model_has_values_to_begin_with(registry):
         assert registry.create("friction", again) == registry.create("friction", base)
         short = without_defaults(component, again, registry)
         assert registry.create("friction", short) == registry.create("friction", base)
-        assert LawTrial(short, SineMotion(), registry).loop().is_periodic
+        assert SineTrial(short, SineMotion(), registry).loop().is_periodic
 
 
 def test_numbers_move_by_a_share_and_stay_within_their_bounds(registry):
@@ -96,10 +96,10 @@ def test_a_law_that_raises_or_gives_no_number_is_told_in_one_line(tmp_path, line
     drop(tmp_path, text.replace("min(max(z[0] + stiffness * dy, -1.0), 1.0)", "z[0] + stiffness * dy"))
     with refused(FraexpError, *names):
         # small to be rehearsed without reaching far
-        LawTrial({"name": "mine", "stiffness": 0.4}, SineMotion(amplitude=2.0), discover(tmp_path / "plugins")).loop()
+        SineTrial({"name": "mine", "stiffness": 0.4}, SineMotion(amplitude=2.0), discover(tmp_path / "plugins")).loop()
 
 
 def test_a_law_that_takes_too_long_is_left_to_the_compiler(registry, monkeypatch):
     monkeypatch.setattr("fraexp.views.law_trial.MAX_TRIAL_TIME_S", 0.0)
     with refused(FraexpError, "Python", "study"):
-        LawTrial(DAHL, SineMotion(), registry).loop()
+        SineTrial(DAHL, SineMotion(), registry).loop()

@@ -24,7 +24,7 @@ from fraexp.tui.services.launch_form import FieldGroup, FormField
 from fraexp.tui.services.plugin_watch import PluginsChanged
 from fraexp.tui.widgets.field_list import FieldList, FormDraft, FormPage
 from fraexp.views.entries import ParameterEntry, apply_texts, example_spec, parameter_entries, without_defaults
-from fraexp.views.law_trial import TRIAL_STUDY, ForceLoop, LawTrial, SineMotion, trial_overrides
+from fraexp.views.law_trial import TRIAL_STUDY, ForceLoop, SineMotion, SineTrial, trial_overrides
 from fraexp.views.words import prefixed_text
 from fraexp.workspace.workspace_service import WorkspaceService
 
@@ -165,10 +165,10 @@ The law is evaluated in plain Python; the command at the top computes the same l
         if form is None:
             return
 
-        def begin(workspace: WorkspaceService) -> tuple[LawTrial, ForceLoop, str]:
+        def begin(workspace: WorkspaceService) -> tuple[SineTrial, ForceLoop, str]:
             spec, sine, told = form.read(self.written, workspace)
             with errors_within(MODEL_PREFIX[:-1]):
-                trial = LawTrial(spec, sine, workspace.registry)
+                trial = SineTrial(spec, sine, workspace.registry)
                 return trial, trial.loop(), workspace.command(TRIAL_STUDY, told)
 
         found = await self.compute(begin, self._show_fault)
@@ -189,7 +189,7 @@ The law is evaluated in plain Python; the command at the top computes the same l
         self.query_one("#numbers", Static).update(Text(f"previous: {self._numbers}" if text else self._numbers))
         self.mark_fault(self.fault if text else None)
 
-    def _show_loop(self, trial: LawTrial, loop: ForceLoop) -> None:
+    def _show_loop(self, trial: SineTrial, loop: ForceLoop) -> None:
         factor, unit = (1e3, "mm") if trial.sine.amplitude >= 1e-3 else (1e6, "µm")
         closed = (np.append(values, values[0]) for values in (factor * loop.displacement, loop.force))
         traces = _trace(0, *closed), _trace(REFERENCE, factor * loop.virgin[0], loop.virgin[1])
@@ -202,7 +202,7 @@ The law is evaluated in plain Python; the command at the top computes the same l
         self.query_one("#numbers", Static).update(Text(self._numbers))
 
     def _show_describing(
-        self, trial: LawTrial, amplitudes: NDArray[np.float64], values: NDArray[np.complex128]
+        self, trial: SineTrial, amplitudes: NDArray[np.float64], values: NDArray[np.complex128]
     ) -> None:
         known = np.abs(values) > 0
         x, here = np.log10(amplitudes[known]), float(np.log10(trial.sine.amplitude))
