@@ -454,11 +454,14 @@ class LawSelection:
         cannot be negative: errors of the records thus add springs, never take any off, and the Coulomb force becomes
         too great.
         """
-        thresholds = fit.law.thresholds
+        law, records, count = fit.law, self._records, fit.law.thresholds.size
         for part in NARROW_RANGES:
-            narrow = thresholds[thresholds <= part * self._records.swing]
-            if 1 < narrow.size < thresholds.size:
-                found = self._judged(replace(fit, law=replace(fit.law, thresholds=narrow)), self._records)
+            is_narrow = law.thresholds <= part * records.swing
+            if 1 < is_narrow.sum() < count:
+                narrow = replace(law, thresholds=law.thresholds[is_narrow])
+                own = np.tile(is_narrow, law.is_coulomb.size // count)  # they do not act on each other
+                records.driven[narrow.key] = records.deflection(law)[..., own]
+                found = self._judged(replace(fit, law=narrow), records)
                 if found.prediction.equals(fit.prediction):
                     return found
         return fit
