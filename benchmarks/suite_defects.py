@@ -52,7 +52,7 @@ DEFECTS = (
     ),
     Defect(
         "one-sided quantile", "fraexp/analysis/confidence.py",
-        "(CONFIDENCE_LEVEL - within)", "(0.9 - within)", "tests/analysis/test_confidence.py",
+        "(1 + CONFIDENCE_LEVEL) / 2", "CONFIDENCE_LEVEL", "tests/analysis/test_confidence.py",
     ),
     Defect(
         "rounding variance q²/3", "fraexp/analysis/quantisation.py",
