@@ -65,7 +65,7 @@ def minimise(
     residuals: Residuals,
     start: NDArray[np.float64],
     bounds: tuple[NDArray[np.float64], NDArray[np.float64]],
-    evaluations: int,
+    evaluations: int | None,
     jacobian: Residuals | None = None,
     **options: Any,
 ) -> tuple[NDArray[np.float64], bool]:

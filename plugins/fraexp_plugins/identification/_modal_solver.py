@@ -9,7 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import NORMAL_QUANTILE, ROUNDING, SIGNIFICANCE, RecordError, significant_deviation
+from fraexp.api import (
+    CURVE_POINTS,
+    MAX_ITERATIONS,
+    NORMAL_QUANTILE,
+    ROUNDING,
+    SIGNIFICANCE,
+    RecordError,
+    significant_deviation,
+)
 from fraexp_plugins.identification._least_squares import inverse_square, minimise
 from fraexp_plugins.identification._modal_model import LogResponse, ModalModel, resonators
 
@@ -61,14 +69,10 @@ MAX_DELAY_TURNS, STEPS_PER_TURN = 2, 4
 """Largest dead time that is tried, in turns of the phase at the upper frequency limit, and steps for each turn."""
 MIN_LOW_POINTS, LOW_FREQUENCY_RATIO = 8, 10.0
 """Lowest points from which the forces of ground are guessed: their number, and their range in frequency."""
-WEIGHT_EXPONENTS = (1.0, 0.5)
-"""Exponents x of |Ĝ|^-x in the weights: the first favours the anti-resonances, the second the resonances."""
 FREQUENCY_RANGE_FACTOR = 1.25
 """Natural frequency of a mode outside with which a search begins, over the upper limit of the frequency range."""
 FIRST_DAMPING_RATIO, RELOCATIONS = 0.02, 5
 """Damping ratio of the poles with which a search begins, and how often they are moved."""
-SEARCHED_PLACES = 250
-"""Natural frequencies among which a search finds one: those that noise has to look like a mode."""
 
 
 class ModelEnd(NamedTuple):
@@ -85,22 +89,22 @@ class ModelEnd(NamedTuple):
 def start_vectors(
     model: ModalModel, data: LogResponse, end: ModelEnd, poles: NDArray[np.float64], relocations: int = RELOCATIONS
 ) -> Iterator[NDArray[np.float64]]:
-    """Yield a start vector p for each weight, to which poles (f [Hz], ζ), shape (model.modes, 2), lead.
+    """Yield the start vector p to which poles (f [Hz], ζ), shape (model.modes, 2), lead, if its k0 is positive.
 
-    For given poles, ground and dead time the response is linear in k0 and k0 r_i.
+    For given poles, ground and dead time the response is linear in k0 and k0 r_i. Relative errors are weighted, so that
+    antiresonances tell as much as resonances.
     """
     undelayed = data.response * np.exp(data.s * end.delay)
     # k0 S = G/(1 - (D s + K) G): as an equation for S that is linear, and does not divide by a small difference
     factor = 1 - model.ground_columns(data.s) @ end.ground * undelayed
     doubt = np.abs(model.ground_columns(data.s)) @ end.ground_std * np.abs(undelayed / factor)
     error = np.sqrt(1 / data.weight + doubt**2)
-    for exponent in WEIGHT_EXPONENTS:
-        weight = np.abs(data.response) ** -exponent / error
-        found = _relocated(data.s, undelayed, factor, weight, poles, relocations)
-        rows = np.vstack([1 / data.s**2, resonators(data.s, 2 * np.pi * found[:, 0], found[:, 1])])
-        gains = _coefficients(_real(rows * weight * factor), _real(undelayed * weight))
-        if gains[0] > 0:
-            yield _vector(model, gains, found, end)
+    weight = 1 / (np.abs(data.response) * error)
+    found = _relocated(data.s, undelayed, factor, weight, poles, relocations)
+    rows = np.vstack([1 / data.s**2, resonators(data.s, 2 * np.pi * found[:, 0], found[:, 1])])
+    gains = _coefficients(_real(rows * weight * factor), _real(undelayed * weight))
+    if gains[0] > 0:
+        yield _vector(model, gains, found, end)
 
 
 def _relocated(
@@ -200,11 +204,8 @@ def _vector(
     return model.sort_modes(np.concatenate([[np.log(gains[0])], modes.ravel(), ends]))
 
 
-TRIALS, TRIAL_EVALUATIONS = 2, 25
-"""Trial fits from each way to a start, and evaluations of each; only the best one goes on."""
-MAX_EVALUATIONS = 400
-SEARCH_BINS = 150
-"""Parts of the frequency range, of which two points each take part in the search."""
+TRIALS = 2
+"""Trial fits from each way to a start, of which only the best one goes on."""
 
 
 @dataclass(frozen=True)
@@ -336,7 +337,7 @@ class Solution:
         """Names of the parameters that are not identifiable from the data.
 
         These are singular combinations, parameters at their limits, and modal gains k0 r_i that white noise may cause:
-        noise always looks like a mode at one of all the frequencies that are tried.
+        noise always looks like a mode at one of all the frequencies that are tried, as many as a curve has points.
         """
         names = self.model.names()
         scale = np.linalg.norm(self.jacobian, axis=0)
@@ -350,7 +351,7 @@ class Solution:
         for place in range(3, self.model.ground_place, 3):
             slope = np.zeros(self.p.size)
             slope[0], slope[place] = self.p[place], 1.0  # of k0 r, over k0
-            near[place] |= abs(self.p[place]) < significant_deviation(SEARCHED_PLACES) * np.sqrt(
+            near[place] |= abs(self.p[place]) < significant_deviation(CURVE_POINTS) * np.sqrt(
                 slope @ self.covariance @ slope / self.correlation_factor
             )
         return tuple(name for name, is_near in zip(names, near, strict=True) if is_near)
@@ -358,11 +359,11 @@ class Solution:
 
 def solve(model: ModalModel, data: LogResponse, before: Solution | None = None) -> Solution:
     """Return the best fit from its own start values and from those of a fit with fewer modes."""
-    p, has_converged = descend(model, data, _search(model, data.search_points(SEARCH_BINS), before))
+    p, has_converged = descend(model, data, _search(model, data.search_points(CURVE_POINTS), before))
     if not has_converged:
         raise RecordError(
-            f"modal_fit: the fit of {count_text(model.modes, 'mode')} does not converge in {MAX_EVALUATIONS} "
-            "evaluations; use fewer modes, or another frequency range (min_frequency, max_frequency)"
+            f"modal_fit: the fit of {count_text(model.modes, 'mode')} does not converge; "
+            "use fewer modes, or another frequency range (min_frequency, max_frequency)"
         )
     return Solution(model, data, model.sort_modes(p))
 
@@ -400,14 +401,14 @@ def _best(model: ModalModel, data: LogResponse, tried: list[NDArray[np.float64]]
             "of a channel, or choose a narrower frequency range"
         )
     low, high = model.bounds()
-    followed = [descend(model, data, np.clip(p, low + 1e-2, high - 1e-2), TRIAL_EVALUATIONS)[0] for p in tried]
+    followed = [descend(model, data, np.clip(p, low + 1e-2, high - 1e-2), MAX_ITERATIONS)[0] for p in tried]
     return _ordered(model, data, followed)[0]
 
 
 def descend(
-    model: ModalModel, data: LogResponse, p: NDArray[np.float64], evaluations: int = MAX_EVALUATIONS
+    model: ModalModel, data: LogResponse, p: NDArray[np.float64], evaluations: int | None = None
 ) -> tuple[NDArray[np.float64], bool]:
-    """Return where least squares lead from p, and whether they have converged."""
+    """Return where least squares lead from p, and whether they have converged: in 100 evaluations for each number."""
     return minimise(
         lambda p: data.weighted_parts(data.error(model.log_response(p, data.s))),
         p,
