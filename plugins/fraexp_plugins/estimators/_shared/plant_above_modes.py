@@ -15,8 +15,8 @@ from fraexp.api import FrequencyResponse
 from fraexp_plugins.estimators._shared.measured_motion import LEAST_ERROR, LikelyTerms, MeasuredMotion
 
 BANDWIDTH = 0.3
-"""Natural logarithm of the ratio of frequencies up to which harmonics, or points of a response, count as near: with half
-of it, and with twice as much, the harmonics do not tell a dead time."""
+"""Natural logarithm of the ratio of frequencies up to which harmonics, or points of a response, count as near: with
+half of it, and with twice as much, the harmonics do not tell a dead time."""
 MIN_CLEAR_HARMONICS = 8
 """Number of harmonics within the bandwidth, which stand out of the noise, from which the plant is known."""
 MAX_ERROR = 1.0
