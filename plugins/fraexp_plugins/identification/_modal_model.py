@@ -167,7 +167,7 @@ def _smoothed_variance(variance: NDArray[np.float64], freedom: NDArray[np.float6
 MAX_DAMPING_RATIO = 2.0
 """Limit of the damping ratios: a mode beyond has no peak, and half of it is near those that have."""
 FREQUENCY_MARGIN = 3.0
-"""Factor by which a natural frequency may lie outside of the frequency range."""
+"""Factor by which a natural frequency may lie outside of the frequency range; a search there begins at its root."""
 GROUND = {"viscous_coefficient": 1, "ground_stiffness": 0}
 """Forces between the mass and ground, by the power of s with which each acts on the position."""
 

@@ -19,7 +19,7 @@ from fraexp.api import (
     significant_deviation,
 )
 from fraexp_plugins.identification._least_squares import inverse_square, minimise
-from fraexp_plugins.identification._modal_model import LogResponse, ModalModel, resonators
+from fraexp_plugins.identification._modal_model import FREQUENCY_MARGIN, LogResponse, ModalModel, resonators
 
 
 def whiteness(residuals: NDArray[np.float64], parts: int) -> float:
@@ -67,10 +67,8 @@ def _as_sequence(residuals: NDArray[np.float64], parts: int) -> NDArray[np.float
 
 MAX_DELAY_TURNS, STEPS_PER_TURN = 2, 4
 """Largest dead time that is tried, in turns of the phase at the upper frequency limit, and steps for each turn."""
-MIN_LOW_POINTS, LOW_FREQUENCY_RATIO = 8, 10.0
-"""Lowest points from which the forces of ground are guessed: their number, and their range in frequency."""
-FREQUENCY_RANGE_FACTOR = 1.25
-"""Natural frequency of a mode outside with which a search begins, over the upper limit of the frequency range."""
+LOW_FREQUENCY_RATIO = 10.0
+"""Range in frequency of the lowest points, from which the forces of ground are guessed."""
 FIRST_DAMPING_RATIO, RELOCATIONS = 0.02, 5
 """Damping ratio of the poles with which a search begins, and how often they are moved."""
 
@@ -175,7 +173,9 @@ def low_ground(
 
     No mode is near them. Beyond what noise explains the residuals count as errors.
     """
-    low = slice(max(MIN_LOW_POINTS, int(np.sum(data.frequency < LOW_FREQUENCY_RATIO * data.frequency[0]))))
+    count = len(model.ground)
+    points = int(np.sum(data.frequency < LOW_FREQUENCY_RATIO * data.frequency[0]))
+    low = slice(max(points, 2 * (count + 2)))  # twice as many as there are numbers
     s, inverse = data.s[low], np.exp(-data.s[low] * delay) / data.response[low]
     weight = np.sqrt(data.weight[low]) / np.abs(inverse)
     series = np.stack([s**2, s**3], axis=1)
@@ -186,7 +186,6 @@ def low_ground(
     residual = target - columns @ (solver @ target)
     spread = float(np.sum(residual**2)) / max(target.size - scale.size, 1)
     spread = spread if data.covariance is None else max(spread, 1.0)
-    count = len(model.ground)
     return (solver @ target)[:count], np.sqrt(spread) * np.linalg.norm(solver[:count], axis=1)
 
 
@@ -376,7 +375,7 @@ def _search(model: ModalModel, data: LogResponse, before: Solution | None) -> ND
     if before is not None:
         forces = before.model.ground_forces(before.p)
         end = ModelEnd(forces, np.zeros(forces.size), before.model.delay(before.p))
-        outside = np.array([[FREQUENCY_RANGE_FACTOR * data.frequency[-1], FIRST_DAMPING_RATIO]])
+        outside = np.array([[np.sqrt(FREQUENCY_MARGIN) * data.frequency[-1], FIRST_DAMPING_RATIO]])
         for added, relocations in ((even, RELOCATIONS), (outside, 0)):
             extended = [np.concatenate([before.poles, [pole] * (model.modes - len(before.poles))]) for pole in added]
             ways.append([p for poles in extended for p in start_vectors(model, data, end, poles, relocations)])

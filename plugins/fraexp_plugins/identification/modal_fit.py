@@ -173,7 +173,7 @@ class CheckedFit(NamedTuple):
     """Standard deviations by which the viscous coefficient was below 0 before it was fixed at 0."""
 
 
-class ModalFit(Estimator, name="modal_fit", version=11):
+class ModalFit(Estimator, name="modal_fit", version=12):
     """P_d(s) e^{-Ls} of the paper's eq (1), fitted to the response of `method`: rigid body, modes and dead time.
 
     Minimises Σ w_k |ln(G_m(jω_k)/Ĝ_k)|², the weighted logarithmic residual (J. D. Sidman, F. E. DeAngelis and
