@@ -3,7 +3,6 @@
     python benchmarks/friction_bands.py encoder                     500 seeds of each machine and method
     python benchmarks/friction_bands.py encoder --machine paper --method conventional --seed 8200000
     python benchmarks/friction_bands.py single-period               20 places of the machine on the scale
-    python benchmarks/friction_bands.py drawn-friction              128 machines per row
     python benchmarks/friction_bands.py leakage                     500 records each
 
 encoder         Loops with 30 nm of noise and an encoder of 0.1 µm, 12 N, 8 periods. The band of the proposed method,
@@ -13,48 +12,25 @@ encoder         Loops with 30 nm of noise and an encoder of 0.1 µm, 12 N, 8 per
                 numerics is below the noise
 single-period   Rounding in a single period depends on where on the scale the machine moves: at random places within one
                 quantisation step, with noise and without, the circle must cover 91 % over all places and frequencies
-drawn-friction  The paper's machine with friction parameters drawn from the covariance that the estimator states, by
-                scrambled Sobol points: P must lie in the ellipse around 1/P̂ at 95 ± 2 % or more, within the limits at
-                95 %
 leakage         A free mass with a mode, in closed loop, and windows of 1 s: each record must say that they leak, and
                 the bands cover 93 %. Of sound records of random machines at most 2 % may raise an alarm
 """
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from harness import ROOT, Bench, chance, run
-from paper_machine import (
-    CURVE,
-    NOISE_M,
-    PAPER,
-    PATH,
-    REGISTRY,
-    RESOLUTION_M,
-    WIDTHS,
-    loop_job,
-    machine_of,
-    response_of,
-    results,
-    true_response,
-)
+from paper_machine import NOISE_M, PAPER, REGISTRY, RESOLUTION_M, machine_of, response_of
 from scipy.stats import f as f_distribution
-from scipy.stats import qmc
 
 sys.path.insert(0, str(ROOT))
 from fraexp_plugins.estimators.h1_h2_hv import H1H2Hv
 from fraexp_plugins.estimators.joint_input_output import JointInputOutput
 
-from fraexp.analysis.confidence import (
-    CONFIDENCE_LEVEL,
-    circle_factor,
-    confidence_limits,
-    degrees_of_freedom,
-    inverse_covariance,
-)
+from fraexp.analysis.confidence import CONFIDENCE_LEVEL, circle_factor, confidence_limits, degrees_of_freedom
 from fraexp.api import phasors
 from fraexp.components.kinds import Estimator, Excitation, Plant
 from fraexp.components.registry import create
@@ -264,88 +240,6 @@ def _found_ideally(
     return response_of(method.model_copy(update={"resolution": 0.0}).estimate(ideal)).response
 
 
-@dataclass(frozen=True)
-class Uncertainty:
-    """An uncertainty of the friction model: relative standard deviations of ΣF_m and Y_m, or those of parameters."""
-
-    name: str
-    relative: float = 0.0
-    parameters: dict[str, float] = field(default_factory=dict)
-    noise: float = 0.0
-
-    @property
-    def correlation(self) -> np.ndarray:
-        """Correlation of the parameters: 0.8 between the first two."""
-        matrix = np.eye(len(self.parameters))
-        if self.parameters:
-            matrix[0, 1] = matrix[1, 0] = 0.8
-        return matrix
-
-    def estimator(self) -> dict[str, Any]:
-        """Return the estimator, with the paper's friction as its model."""
-        return {
-            "name": "effective_input", "friction": PAPER["friction"], **PATH, **self.encoder(),
-            "force_std": self.relative, "displacement_std": self.relative,
-            "deviations": [{"parameter": name, "std": size} for name, size in self.parameters.items()],
-            "correlation": self.correlation.tolist(),
-        }  # fmt: skip
-
-    def encoder(self) -> dict[str, float]:
-        """Return the encoder: an ideal one where there is no noise."""
-        return {"resolution": RESOLUTION_M, "noise": self.noise} if self.noise else {"resolution": 0.0}
-
-    def friction(self, draw: np.ndarray) -> dict[str, Any]:
-        """Return the friction of a machine for standard normal numbers."""
-        force, width = (1, 1) if self.parameters else 1 + draw * self.relative
-        widths = {name: CURVE[name] * width for name in WIDTHS}
-        curve = {**CURVE, "coulomb_force": CURVE["coulomb_force"] * force, **widths}
-        friction = {**PAPER["friction"], "curve": curve}
-        amounts = np.linalg.cholesky(self.correlation) @ draw if self.parameters else draw[:0]
-        for (name, size), amount in zip(self.parameters.items(), amounts.tolist(), strict=True):
-            owner, key = (curve, name.removeprefix("curve.")) if name.startswith("curve.") else (friction, name)
-            owner[key] += size * amount
-        return friction
-
-
-STDS = {"curve.coulomb_force": 0.5, "curve.characteristic_displacement": 2e-6, "viscous_coefficient": 0.5}
-UNCERTAINTIES = (
-    *(Uncertainty(f"ΣF_m and Y_m ±{100 * size:g} %", size) for size in (0.01, 0.03, 0.1)),
-    Uncertainty("ΣF_m and Y_m ±3 %, noise 30 nm", 0.03, noise=NOISE_M),
-    Uncertainty("Fc, x0 (correlated 0.8) and Dv", parameters=STDS),
-    Uncertainty("the same, noise 30 nm", parameters=STDS, noise=NOISE_M),
-)
-NUMERICAL = 6e-4
-"""Error of P̂/P that the matched observer keeps by itself, 0.005 dB: bands are no narrower."""
-
-
-def drawn_friction(bench: Bench) -> None:
-    """Share of frequencies [%] at which P is inside ellipse, magnitude and phase."""
-    for case in UNCERTAINTIES:
-        size = len(case.parameters) or 2
-        for amplitude in (12.0, 75.0):
-            draws = qmc.MultivariateNormalQMC(np.zeros(size), rng=bench.generator()).random(bench.options.drawn)
-            shares = np.mean([_inside(case, amplitude, bench, *each) for each in enumerate(draws)], axis=0)
-            is_met = bool((shares >= CONFIDENCE_LEVEL - np.array([TOLERANCE, 0, 0])).all())
-            text = " ".join(f"{100 * share:8.1f}" for share in shares)
-            bench.row(f"{case.name}, {amplitude:g} N", text, is_met, ellipse=float(shares[0]))
-
-
-def _inside(case: Uncertainty, amplitude: float, bench: Bench, number: int, draw: np.ndarray) -> np.ndarray:
-    """Return the share of frequencies at which P is inside ellipse, magnitude and phase of one machine."""
-    periods, points = (4 if case.noise else 1), (8 if bench.reduced else 30)
-    excitation = {"name": "stepped_sine", "amplitude": amplitude, "points": points, "recorded_periods": periods}
-    loop = {**PAPER["loop"], **case.encoder(), "seed": number}
-    machine = {**PAPER, "loop": loop, "friction": case.friction(draw)}
-    spec = create(REGISTRY, Estimator, case.estimator()).spec()
-    response = response_of(results(loop_job(machine, excitation, spec))[0])
-    truth = true_response(response.frequency)
-    covariance, freedom = inverse_covariance(response)
-    covariance = covariance + ((NUMERICAL / np.abs(truth)) ** 2)[:, None, None] * np.eye(2)
-    distance = squared_distance(1 / response.response - 1 / truth, covariance)
-    hits = [distance <= 2 * circle_factor(freedom) ** 2, *within_limits(response, truth, NUMERICAL)]
-    return np.mean(hits, axis=1)
-
-
 def leakage(bench: Bench) -> None:
     """Alarms and coverage on a free mass that leaks, and false alarms on sound records."""
     count = bench.options.records
@@ -372,6 +266,6 @@ def leakage(bench: Bench) -> None:
 
 if __name__ == "__main__":
     run(
-        __doc__, encoder, single_period, drawn_friction, leakage, seeds=(500, 60), places=(20, 5), drawn=(128, 16),
-        records=(500, 50), machine="", method="",
+        __doc__, encoder, single_period, leakage, seeds=(500, 60), places=(20, 5), records=(500, 50), machine="",
+        method="",
     )  # fmt: skip

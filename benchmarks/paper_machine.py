@@ -38,8 +38,6 @@ def sections_of(file: Path) -> dict[str, Any]:
 
 PAPER = sections_of(MACHINES / "linear_motor_table.toml")
 CURVE = PAPER["friction"]["curve"]
-WIDTHS = ("characteristic_displacement", "min_knot", "max_knot")
-"""The displacements of that curve."""
 PATH = {"input_dead_time": PAPER["loop"]["input_dead_time"]}
 PLANT = create(REGISTRY, Plant, PAPER["plant"])
 FRICTION = create(REGISTRY, FrictionModel, PAPER["friction"])
@@ -101,7 +99,7 @@ def decibel(ratio: np.ndarray) -> np.ndarray:
 
 def scaled_friction(force: float, displacement: float) -> dict[str, Any]:
     """Return the paper's friction with ΣF_m and Y_m changed by these factors."""
-    widths = {name: CURVE[name] * displacement for name in WIDTHS}
+    widths = {name: CURVE[name] * displacement for name in ("characteristic_displacement", "min_knot", "max_knot")}
     return {**PAPER["friction"], "curve": {**CURVE, **widths, "coulomb_force": CURVE["coulomb_force"] * force}}
 
 

@@ -3,24 +3,31 @@
 The paper's machine has an encoder of 0.1 µm. Drawn sweeps have all laws, any amplitudes, frequencies and encoders, and
 models that are off as their prior says, the dead time of every second one too. A point is *wrong* if it is ok, off by
 more than twice the accuracy, and not in its 99.9 % band.
+
+The width of a band is compared with that of an ideal posterior: of the scales of friction, with their prior, from the
+harmonics of the true motion on which P is known, by the published equations of the laws (`reference_laws`).
 """
 
 import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from drawn_machines import drawn_machine
+from drawn_machines import TOLERANCE, DrawnMachine, drawn_machine
 from fraexp_plugins.estimators._shared.friction_band import DEAD_TIME_STD
 from friction_bands import within_limits
 from harness import Bench, run
+from numba import njit
 from paper_machine import PAPER, REGISTRY, decibel, machine_of, response_of, simulated
+from reference_laws import COULOMB, mean_force
+from scipy.interpolate import CubicSpline
 
-from fraexp.analysis.confidence import BandReach
+from fraexp.analysis.confidence import BandReach, confidence_limits
 from fraexp.components.kinds import Estimator
 from fraexp.components.registry import create
 from fraexp.data.results import FrequencyResponse
-from fraexp.data.signals import Signals
+from fraexp.data.signals import Segment, Signals
 from fraexp.simulation.machine import Machine
 from fraexp.study.accuracy import Accuracy
 
@@ -33,6 +40,10 @@ SWEEPS = {
 SCALES = (1.0, 1.05, 1.2)
 HELD, OFF = 0.93, 0.05
 """Share of the points whose band holds the plant, at least; of those that are ok and off by more than the accuracy."""
+WIDTH, TELLING_DB = 1.3, 3.0
+"""Width of a band over that of the ideal posterior, at most; where the latter is no wider than this, either side."""
+PRIOR_STD, STEP, FINER = 0.1, 1e-3, 8
+"""Of both scales of friction; their step for derivatives; points of the true motion in each sample."""
 WIDER = 3.29 / 1.96  # a band of 99.9 % over one of 95 %
 ACCURACY = Accuracy()
 
@@ -66,14 +77,13 @@ def points_of(response: FrequencyResponse, machine: Machine) -> Points:
 
 def estimated(
     machine: Machine, sections: dict[str, Any], signals: Signals, late: float = 0.0, **scales: float
-) -> Points:
-    """Return what a sweep says whose model is off by these factors, and whose dead time is `late` [s] too long."""
+) -> FrequencyResponse:
+    """Return P̂ if the model is off by these factors, and its dead time `late` [s] too long."""
     paths = ("dead_time", "time_constants", "resolution", "noise")
     given = {key: value for key, value in sections["loop"].items() if key.endswith(paths)}
     given["input_dead_time"] = max(given.get("input_dead_time", 0.0) + late, 0.0)
     own = {"name": "effective_input", "friction": sections["friction"], **given, **scales}
-    found = create(REGISTRY, Estimator, own).estimate(signals)
-    return points_of(response_of(found), machine)
+    return response_of(create(REGISTRY, Estimator, own).estimate(signals))
 
 
 def paper(bench: Bench) -> None:
@@ -84,16 +94,30 @@ def paper(bench: Bench) -> None:
         sine = {"name": "stepped_sine", "amplitude": amplitude, "frequencies": tuple(np.geomspace(low, high, count))}
         signals = simulated(machine, sine)
         for scale in SCALES:
-            found = estimated(machine, sections, signals, force_scale=scale)
+            found = points_of(estimated(machine, sections, signals, force_scale=scale), machine)
             text = f"{found.is_ok.sum():2d} of {found.is_ok.size} ok, held {found.is_held.mean():4.0%}"
             worst = found.error[found.is_ok].max(initial=0.0)
             text += f", off by {found.error.max():6.2f} dB, where ok {worst:5.2f} dB"
             bench.row(f"{name}, force × {scale:g}", text, worst <= 2 * ACCURACY.magnitude)
 
 
-def drawn(bench: Bench) -> None:
-    """Shares over all points, with the sweep as the unit of scatter."""
-    found = []
+class Sweep(NamedTuple):
+    """A drawn machine and its record, and an estimator's sections whose model is off by factors and late by a time."""
+
+    drawn: DrawnMachine
+    machine: Machine
+    sections: dict[str, Any]
+    signals: Signals
+    late: float
+    scales: dict[str, float]
+
+    def estimated(self) -> FrequencyResponse:
+        """Return P̂."""
+        return estimated(self.machine, self.sections, self.signals, self.late, **self.scales)
+
+
+def sweeps(bench: Bench) -> Iterator[Sweep]:
+    """Yield as many drawn sweeps as the options say."""
     for number in range(bench.options.sweeps):
         random, machine = bench.generator(number), drawn_machine(number, bench.seed)
         sections = machine.sections()
@@ -104,13 +128,18 @@ def drawn(bench: Bench) -> None:
         amplitude = machine.amplitude / machine.relative_amplitude * np.exp(random.uniform(np.log(0.2), np.log(5)))
         sine = {"name": "stepped_sine", "amplitude": amplitude, "frequencies": points}
         sine["recorded_periods"] = int(random.choice([1, 2, 8]))
-        force, width = 1 + 0.1 * random.standard_normal(2)
+        force, width = 1 + PRIOR_STD * random.standard_normal(2)
         built = machine_of(sections, sections["numerics"])
-        signals, scales = simulated(built, sine), {"force_scale": float(force), "displacement_scale": float(width)}
         late = number % 2 * DEAD_TIME_STD * sections["loop"]["sample_time"] * random.standard_normal()
-        found.append(estimated(built, sections, signals, late, **scales))
-        if len(found) % 20 == 0:
-            print(f"  {len(found)} of {bench.options.sweeps} sweeps", file=sys.stderr, flush=True)
+        scales = {"force_scale": float(force), "displacement_scale": float(width)}
+        yield Sweep(machine, built, sections, simulated(built, sine), late, scales)
+        if number % 20 == 19:
+            print(f"  {number + 1} of {bench.options.sweeps} sweeps", file=sys.stderr, flush=True)
+
+
+def drawn(bench: Bench) -> None:
+    """Shares over all points, with the sweep as the unit of scatter."""
+    found = [points_of(each.estimated(), each.machine) for each in sweeps(bench)]
     every = Points(*(np.concatenate(column) for column in zip(*found, strict=True)))
     scatter = np.std([each.is_held.mean() for each in found if each.is_held.size]) / np.sqrt(len(found))
     held, off = every.is_held.mean(), every.is_off[every.is_ok].mean() if every.is_ok.any() else 0.0
@@ -121,5 +150,86 @@ def drawn(bench: Bench) -> None:
     bench.row("points that are ok and wrong", f"{every.is_wrong.sum()}", not every.is_wrong.any())
 
 
+@njit
+def path_force(kind: int, path: np.ndarray, step: float, parameters: np.ndarray, states: int) -> np.ndarray:
+    """Return the mean force [N] on each step of a closed path [m], after two turns along it, shape (n,)."""
+    z, following, force = np.zeros(states + 1), np.zeros(states + 1), np.empty(path.size)
+    for _turn in range(3):
+        for i in range(path.size):
+            force[i] = mean_force(kind, z, path[(i + 1) % path.size] - path[i], step, parameters, following)
+            z, following = following, z
+    return force
+
+
+def friction_terms(drawn: DrawnMachine, segment: Segment, width: float) -> np.ndarray:
+    """Return the terms of friction [N] at a sine and its harmonics, if deflections are `width` times as large."""
+    own, true = drawn.reference, segment.channels["displacement"].mean(axis=0)
+    path = np.fft.irfft(np.fft.rfft(true), true.size * FINER) * FINER / width
+    step = own.sample_time / FINER
+    force = path_force(own.law, path, step, np.array(own.parameters), own.states)
+    line = int(segment.lines[0])
+    orders = np.arange(line, true.size // 2, line)
+    return np.fft.rfft(force)[orders] * np.exp(-1j * np.pi * orders / path.size) * 2 / path.size
+
+
+def ideal_reach(drawn: DrawnMachine, segments: Sequence[Segment], encoder: float) -> np.ndarray:
+    """Return how far P may be off [dB] at each sine, shape (n,): by friction, dead time and encoder.
+
+    `encoder` is its variance [m²]; the simulation's tolerance is added. Between the sines the apparent mass is a cubic
+    spline through those that follow there, whose error is known.
+    """
+    frequency = np.array([segment.frequency[0] for segment in segments])
+    omega = 2 * np.pi * frequency
+    own, spline = drawn.reference, CubicSpline(np.log(frequency), np.eye(len(frequency)))
+    mass = -1 / (omega**2 * own.plant(frequency))
+    slopes, motions, variances = [], [], []
+    for segment in segments:
+        terms, less, more = (friction_terms(drawn, segment, width) for width in (1.0, 1 - STEP, 1 + STEP))
+        y, line = segment.channels["displacement"], int(segment.lines[0])
+        motions.append(np.fft.rfft(y.mean(axis=0))[line : y.shape[1] // 2 : line] * 2 / y.shape[1])
+        multiples = segment.frequency[0] * np.arange(1, len(terms) + 1)
+        plant = own.plant(multiples)
+        late = 2j * np.pi * multiples * (terms + motions[-1] / plant)
+        slopes.append(np.stack([terms, (more - less) / (2 * STEP), late], axis=1))
+        variances.append(4 * encoder / y.size / np.abs(plant) ** 2 + (TOLERANCE * np.abs(terms[0])) ** 2)
+    apparent = np.array([y[0] for y in motions]) * omega**2
+    of_mass = np.array([slope[0] for slope in slopes]) / apparent[:, None]
+    mass_variance = np.array([variance[0] for variance in variances]) / np.abs(apparent) ** 2
+    information = np.diag(1 / np.array([PRIOR_STD, PRIOR_STD, DEAD_TIME_STD * own.sample_time]) ** 2)
+    for first, slope, y, variance in zip(frequency, slopes, motions, variances, strict=True):
+        harmonics = first * np.arange(2, int(frequency[-1] / first * (1 + 1e-9)) + 1)[: len(y) - 1]
+        told, weights = slice(1, 1 + harmonics.size), spline(np.log(harmonics))
+        true, moved = -1 / own.plant(harmonics), (2 * np.pi * harmonics) ** 2 * y[told]
+        missed = np.abs(weights @ mass - true / (2 * np.pi * harmonics) ** 2)
+        scatter = variance[told] + np.abs(moved) ** 2 * (weights**2 @ mass_variance + missed**2)
+        lacking = slope[told] - moved[:, None] * (weights @ of_mass)
+        information = information + 2 * np.real(lacking.conj().T / scatter @ lacking)
+    covariance = np.linalg.inv(information)
+    relative = np.real(of_mass / mass[:, None])
+    by_scales = np.einsum("ni,ij,nj->n", relative, covariance, relative)
+    return decibel(np.exp(1.96 * np.sqrt(by_scales + mass_variance / np.abs(mass) ** 2 / 2 + TOLERANCE**2)))
+
+
+def width(bench: Bench) -> None:
+    """Median width of the band over that of the ideal posterior, for points that are ok and for others."""
+    ratios, is_ok = [], []
+    for each in sweeps(bench):
+        if each.drawn.reference.law == COULOMB:
+            continue  # its force at standstill does not follow from the motion
+        loop = each.sections["loop"]
+        response = each.estimated()
+        ideal = ideal_reach(each.drawn, each.signals.segments, loop["resolution"] ** 2 / 12 + loop["noise"] ** 2)
+        counts = response.settled & (ideal < TELLING_DB)
+        low, high = confidence_limits(response)[0]
+        ratios.append((decibel(high / low) / 2 / ideal)[counts])
+        is_ok.append(BandReach.of(response).is_within()[counts])
+    ratio, ok = np.concatenate(ratios), np.concatenate(is_ok)
+    for name, which in (("points that are ok", ok), ("the others", ~ok)):
+        if which.any():
+            at = np.quantile(ratio[which], [0.25, 0.5, 0.75])
+            text = "{1:.2f} ({0:.2f} to {2:.2f}) of {3}".format(*at, which.sum())
+            bench.row(f"width of the band over the ideal one, {name}: median (quartiles)", text, at[1] <= WIDTH)
+
+
 if __name__ == "__main__":
-    run(__doc__, paper, drawn, sweeps=(500, 20))
+    run(__doc__, paper, drawn, width, sweeps=(500, 20))

@@ -47,7 +47,7 @@ from fraexp_plugins.estimators._shared.friction_band import (
     with_model_errors,
     with_standstill,
 )
-from fraexp_plugins.estimators._shared.friction_posterior import SineRecord, thrust_terms
+from fraexp_plugins.estimators._shared.friction_posterior import MotionErrors, SineRecord, thrust_terms
 from fraexp_plugins.estimators._shared.measured_motion import with_rounding
 from fraexp_plugins.estimators._shared.motion_above_nyquist import HoldImages, hold_images, unsampled_errors
 from fraexp_plugins.estimators._shared.parameter_uncertainty import (
@@ -57,11 +57,11 @@ from fraexp_plugins.estimators._shared.parameter_uncertainty import (
     moved_within_bounds,
 )
 from fraexp_plugins.estimators._shared.plant_above_modes import MAX_ERROR, PlantAboveModes, gain_above_modes
-from fraexp_plugins.estimators._shared.possible_motions import likely_motions, with_possible_motions
+from fraexp_plugins.estimators._shared.possible_motions import draw_errors, likely_motions, with_possible_motions
 from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
 
 
-class EffectiveInput(ObserverEstimator, name="effective_input", version=13):
+class EffectiveInput(ObserverEstimator, name="effective_input", version=14):
     """P̂ = y'/û_e with û_e = G_di G_do u - f̂: the effective control input observer, eqs (2)-(5).
 
     y' drives the friction model in the time domain; the delays act at each frequency. With the right friction model P̂
@@ -318,15 +318,15 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=13):
         """Return a result with its uncertainty by encoder and friction model, and with all that makes it doubtful."""
         if found.response is None:
             return found
-        found = self._with_encoder_errors(signals, forces, found, relative_degree)
-        segments, record = forces.signals.segments, None
+        found, by_encoder = self._with_encoder_errors(signals, forces, found, relative_degree)
+        segments = forces.signals.segments
         hidden = [hidden_forces(each.observer, segments) for each in forces.contacts]
-        is_hidden = any(map(any, hidden))
-        if found.response is not None and not is_hidden:  # what standstill hides is no error of the model
-            record = SineRecord(self, segments, self.encoder, found.response)
+        assert found.response is not None
+        unseen = self._hidden_amplitudes(forces, hidden)
+        record = SineRecord(self, segments, self.encoder, found.response, unseen, by_encoder)
         errors = self._errors(signals, forces)
         found = with_model_errors(found, record, errors, corrects=self.corrects_friction)
-        return self._with_standstill(forces, hidden, found) if is_hidden else found
+        return self._with_standstill(forces, hidden, found) if unseen.any() else found
 
     def _errors(self, signals: Signals, forces: ContactForces) -> ModelErrors | None:
         """Return what is uncertain: scales contact by contact, the columns of stated deviations, and the dead time.
@@ -450,14 +450,22 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=13):
             with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
                 error = self._response_with(forces, hidden[0], response) / response.response - 1
             return with_standstill(found, error, share)
-        bound, names = np.zeros(response.frequency.size), []
-        for contact, own in zip(forces.contacts, hidden, strict=True):
-            pairs = zip(forces.signals.segments, own, strict=True)
-            force = [each.greatest_amplitude(segment) if each else 0.0 * segment.lines for segment, each in pairs]
-            ratio = np.abs(contact.thrust_ratio(2 * np.pi * response.frequency))
-            bound += ratio * np.concatenate(force) / response.input_amplitude
-            names += [contact.name] if any(own) else []
+        bound = self._hidden_amplitudes(forces, hidden) / response.input_amplitude
+        names = [contact.name for contact, own in zip(forces.contacts, hidden, strict=True) if any(own)]
         return with_standstill(found, bound, share, names)
+
+    def _hidden_amplitudes(
+        self, forces: ContactForces, hidden: Sequence[Sequence[HiddenForce | None]]
+    ) -> NDArray[np.float64]:
+        """Return the greatest amplitude at each excited line, as thrust [N], of what standstill hides, shape (n,)."""
+        segments, total = forces.signals.segments, np.zeros(())
+        for contact, own in zip(forces.contacts, hidden, strict=True):
+            pairs = zip(segments, own, strict=True)
+            force = [each.greatest_amplitude(segment) if each else 0.0 * segment.lines for segment, each in pairs]
+            frequency = np.concatenate([segment.frequency for segment in segments])
+            ratio = np.abs(contact.thrust_ratio(2 * np.pi * frequency)) if self.frictions else 1.0
+            total = total + ratio * np.concatenate(force)
+        return np.asarray(total)
 
     def _response_with(
         self, forces: ContactForces, hidden: Sequence[HiddenForce | None], found: FrequencyResponse
@@ -485,19 +493,23 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=13):
 
     def _with_encoder_errors(
         self, signals: Signals, forces: ContactForces, found: Result, relative_degree: int
-    ) -> Result:
-        """Return the result with a band that contains the errors of the encoder, and of what lies between samples."""
+    ) -> tuple[Result, list[MotionErrors] | None]:
+        """Return the result with a band that contains the errors of the encoder, and of what lies between samples.
+
+        With them, if friction makes them, as drawn for each segment.
+        """
         if found.response is None or not self._encoder_matters(signals):
-            return found
+            return found, None
         if not any(contact.observer.law.state_size for contact in forces.contacts):
-            return with_rounding(found, signals.segments, self.output, self.resolution, self.encoder)
+            return with_rounding(found, signals.segments, self.output, self.resolution, self.encoder), None
         motions, unsampled = None, None
         if not self.frictions:
             plant = PlantAboveModes.of_gain(gain_above_modes(found.response, relative_degree), relative_degree)
             plant, motions = likely_motions(self, signals.segments, plant)
             unsampled = unsampled_errors(self, signals.segments, plant)
-        response = with_possible_motions(found.response, forces, self.output, motions, unsampled)
-        return replace(found, response=response)
+        errors = list(draw_errors(forces, self.output, motions))
+        response = with_possible_motions(found.response, signals, self.output, errors, unsampled)
+        return replace(found, response=response), errors
 
 
 def _scale_name(contact: str, scale: str) -> str:

@@ -79,6 +79,26 @@ class FrictionPosterior(NamedTuple):
         return cls(np.zeros(count), np.eye(count))
 
 
+class ForceErrors(NamedTuple):
+    """Errors of the output and of all friction as thrust, at lines of a segment, shape (…, lines)."""
+
+    output: NDArray[np.complex128]
+    """[m]."""
+    force: NDArray[np.complex128]
+    """[N]."""
+
+
+class MotionErrors(NamedTuple):
+    """What the encoder hides of the motion in a segment, and so of the force, at its lines or at `harmonic_lines`."""
+
+    motion: NDArray[np.complex128]
+    """The most probable terms of the output [m], shape (lines,)."""
+    mean: ForceErrors
+    """Shape (lines,)."""
+    deviations: ForceErrors
+    """Errors whose squares add up to the variance, shape (k, lines)."""
+
+
 class SineRecord(NamedTuple):
     """A record of sines, and the response that an estimator found of it with the stated friction model."""
 
@@ -88,6 +108,10 @@ class SineRecord(NamedTuple):
     encoder: Encoder
     """Noise and rounding of the estimator's output."""
     response: FrequencyResponse
+    hidden: NDArray[np.float64]
+    """Greatest amplitude of the force that standstill hides at a line of each segment [N], shape (segments,)."""
+    errors: Sequence[MotionErrors] | None
+    """What the encoder hides in each segment; if it is None noise and rounding act on the stiffest friction."""
 
     @property
     def has_harmonics(self) -> bool:
@@ -147,7 +171,8 @@ def friction_posterior(
         known = harmonics.known(errors)
         errors = _most_probable(harmonics, errors, law_error, known).errors
     known = harmonics.known(errors)
-    found = min((harmonics.look(errors, each, known) for each in LAW_ERRORS), key=lambda look: look.cost)
+    looks = (harmonics.look(errors, each, known) for each in reversed(LAW_ERRORS))  # the least one where all are alike
+    found = min(looks, key=lambda look: look.cost)
     return _posterior(harmonics, _most_probable(harmonics, errors, found.law_error, known))
 
 
@@ -181,9 +206,9 @@ def _posterior(harmonics: "_Harmonics", found: _Look) -> FrictionPosterior:
     law_error = found.law_error if telling else 0.0
     if not count:
         return FrictionPosterior(found.errors, np.empty((0, 0)), law_error, telling)
-    slope = harmonics.slope(found)
-    information = found.weight * np.sum(np.abs(slope) ** 2, axis=1) / found.deviation**2
-    excess = np.sum(information * found.size**2) / max(np.sum(information), 1e-300)
+    slope, counts = harmonics.slope(found), found.weight > 0
+    information = (found.weight * np.sum(np.abs(slope) ** 2, axis=1))[counts] / found.deviation[counts] ** 2
+    excess = np.sum(information * found.size[counts] ** 2) / max(np.sum(information), 1e-300)
     evidence = harmonics.slopes(found)[1] - np.eye(count)
     values, vectors = np.linalg.eigh(np.linalg.inv(evidence / max(excess, 1.0) + np.eye(count)))
     return FrictionPosterior(found.errors, vectors * np.sqrt(values), law_error, telling)
@@ -200,11 +225,11 @@ class _PlantCurve(NamedTuple):
     @classmethod
     def of(cls, omega: NDArray[np.float64], inverse: NDArray[np.complex128], deviation: NDArray[np.float64]) -> Self:
         """Return the curve through 1/P [N/m] at ω [rad/s], with the radius of its band [N/m], shape (n,) each."""
-        usable = np.isfinite(inverse)
+        usable = np.isfinite(inverse) & ~np.isinf(deviation)
         omega, inverse, deviation = omega[usable], inverse[usable], deviation[usable]
         place, order = np.unique(np.log(omega), return_index=True)
         mass = -inverse[order] / omega[order] ** 2
-        return cls(place, mass, np.nan_to_num(deviation[order], nan=0.0, posinf=np.inf) / omega[order] ** 2)
+        return cls(place, mass, np.nan_to_num(deviation[order], nan=0.0) / omega[order] ** 2)
 
     @property
     def has_close_frequencies(self) -> bool:
@@ -215,75 +240,77 @@ class _PlantCurve(NamedTuple):
         """Return whether frequencies [rad/s] lie between two that are close to each other, shape (k,)."""
         place = np.log(omega)
         inside = (place >= self.place[0]) & (place <= self.place[-1])
-        left, right = self._ends(omega)
-        return np.asarray(inside & (self.place[right] - self.place[left] <= np.log(MAX_FREQUENCY_RATIO)))
+        return np.asarray(inside & (np.diff(self.place)[self._left(omega)] <= np.log(MAX_FREQUENCY_RATIO)))
 
     def is_known(self, omega: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return whether frequencies [rad/s] lie between two that are close, without a mode between them, shape (k,).
 
         An antiresonance between two frequencies bends the curve at both.
         """
-        left, right = self._ends(omega)
         share = (self.place[1:-1] - self.place[:-2]) / (self.place[2:] - self.place[:-2])
         bend = np.abs(self.value[1:-1] - (1 - share) * self.value[:-2] - share * self.value[2:])
         greatest = np.abs(np.stack([self.value[1:-1], self.value[:-2], self.value[2:]])).max(axis=0)
         is_smooth = np.concatenate([[True], bend <= MAX_BEND * greatest, [True]])
-        return np.asarray(self.is_close(omega) & is_smooth[left] & is_smooth[right])
+        return np.asarray(self.is_close(omega) & (is_smooth[:-1] & is_smooth[1:])[self._left(omega)])
 
     def sharing(self, omega: NDArray[np.float64], counts: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return how many of the frequencies that count lie between the same two, and share their error, shape (k,)."""
-        left, _ = self._ends(omega)
+        left = self._left(omega)
         return np.maximum(np.bincount(left[counts], minlength=self.place.size)[left], 1.0)
 
     def inverse(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return 1/P [N/m] by cubics whose slopes at both ends are those of parabolas, shape (k,)."""
-        straight, begin, end = self._parts(omega)
-        return np.asarray(-(straight + begin - end) * omega**2)
+        return np.asarray(-self._mass(np.log(omega)) * omega**2)
 
     def error(self, omega: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the error of that [N/m], shape (k,).
+        """Return the standard deviation of that [N/m], shape (k,): of the values, and of the cubics between them.
 
-        It is the band's, and the distance to straight lines: how far they are off bounds how far the cubic is. Where a
-        mode bends the curve at both ends alike the cubic crosses the line, and is no better there: sizes are added.
+        Towards a mode it grows by orders of magnitude, so that its logarithm is interpolated.
         """
-        _, begin, end = self._parts(omega)
-        left, right = self._ends(omega)
-        band = np.maximum(self.deviation[left], self.deviation[right])
-        return np.asarray((np.abs(begin) + np.abs(end) + band) * omega**2)
+        every = np.hypot(self.deviation, self._interpolation_error())
+        return np.asarray(np.exp(np.interp(np.log(omega), self.place, np.log(every + 1e-300))) * omega**2)
 
-    def _parts(self, omega: NDArray[np.float64]) -> tuple[NDArray[np.complex128], ...]:
-        """Return the straight lines, and what the slopes at the left and at the right end of each add, shape (k,)."""
-        left, right = self._ends(omega)
-        slope, step = np.gradient(self.value, self.place), self.place[right] - self.place[left]
-        part = (np.log(omega) - self.place[left]) / step
-        rise = self.value[right] - self.value[left]
-        height = part * (1 - part)
-        begin, end = (1 - part) * (step * slope[left] - rise), part * (step * slope[right] - rise)
-        return self.value[left] + part * rise, height * begin, height * end
+    def _interpolation_error(self) -> NDArray[np.float64]:
+        """Return the error of the cubics at each value [kg], shape (n,); the first and the last take their neighbour's.
 
-    def _ends(self, omega: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the numbers of the frequencies between which others lie."""
-        right = np.clip(np.searchsorted(self.place, np.log(omega)), 1, self.place.size - 1)
-        return right - 1, right
+        Without it the cubic through every second value is off by 2³ times as much: it is of third order.
+        """
+        error = np.zeros(self.place.size)
+        for own, others in ((slice(1, -1, 2), slice(0, None, 2)), (slice(2, -1, 2), slice(1, None, 2))):
+            if error[own].size:
+                rest = _PlantCurve(self.place[others], self.value[others], self.deviation[others])
+                error[own] = np.abs(self.value[own] - rest._mass(self.place[own])) / 2**3
+        error[[0, -1]] = error[[1, -2]]
+        return error
+
+    def _mass(self, place: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return the apparent mass [kg] at ln ω, shape (k,)."""
+        from scipy.interpolate import CubicHermiteSpline  # slow to import: listing plugins must stay fast
+
+        slope = np.gradient(self.value, self.place)
+        return np.asarray(CubicHermiteSpline(self.place, self.value, slope)(place))
+
+    def _left(self, omega: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return the number of the value below each frequency [rad/s], of the first two or the last two beyond all."""
+        return np.asarray(np.clip(np.searchsorted(self.place, np.log(omega)) - 1, 0, self.place.size - 2))
 
 
 class _Harmonics:
     """The harmonics of all segments that lie among the measured frequencies, shape (n,) each."""
 
     def __init__(self, record: SineRecord, force_terms: ForceTerms, stiffness: Stiffness, count: int) -> None:
-        self.response = record.response
+        self.response, self.hidden = record.response, record.hidden
         # The search returns to errors that it has just tried.
         self.force_terms = lru_cache(lambda errors: force_terms(np.array(errors)))
         highest = float(record.response.frequency.max())
         output = record.estimator.output
         self.orders = [_examined_orders(segment, output, highest) for segment in record.segments]
         alike = _rounded_alike(record)
-        columns = zip(record.segments, self.orders, alike.tolist(), strict=True)
-        parts = [_measured(record, *each) for each in columns]
-        omega, motion, thrust, deviation = zip(*parts, strict=True)
-        self.omega, self.motion_deviation = np.concatenate(omega), np.concatenate(deviation)
-        self.motion, self.thrust = np.concatenate(motion), np.concatenate(thrust)
-        self.force_deviation = stiffness(self.omega) * self.motion_deviation
+        numbers = range(len(record.segments))
+        parts = [_measured(record, stiffness, *each) for each in zip(numbers, self.orders, alike.tolist(), strict=True)]
+        columns = (np.concatenate(each) for each in zip(*parts, strict=True))
+        self.omega, self.motion, self.thrust, self.motion_deviation, self.force_deviation = columns
+        self.unseen = np.repeat(record.hidden, [orders.size for orders in self.orders])
         self.output = np.array([phasors(segment, output)[:, 0].mean() for segment in record.segments])
         self.stated, force = self._forces(np.zeros(count))
         excited = [np.abs(each) / orders for each, orders in zip(self.stated, self.orders, strict=True)]
@@ -301,7 +328,7 @@ class _Harmonics:
         found, settled = self.response, self.response.settled
         with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
             inverse = 1 / found.response + (self.stated - excited) / self.output
-            radius = _relative_radius(found) / np.abs(found.response)
+            radius = np.hypot(_relative_radius(found) / np.abs(found.response), self.hidden / np.abs(self.output))
         return _PlantCurve.of(2 * np.pi * found.frequency[settled], inverse[settled], radius[settled])
 
     @property
@@ -318,13 +345,15 @@ class _Harmonics:
     def look(self, errors: NDArray[np.float64], law_error: float, known: NDArray[np.bool_]) -> _Look:
         """Return what the harmonics say of such errors, where the plant is known."""
         if not known.any():
-            return _Look(errors, law_error, np.zeros(known.size, dtype=complex), self.scale, self.scale, known)
+            none = np.zeros(known.size, dtype=complex)
+            return _Look(errors, law_error, none, np.ones(known.size), self.scale, known)
         excited, force = self._forces(errors)
         plant = self._plant(excited)
         inverse = plant.inverse(self.omega)
         by_plant = np.abs(self.motion) * plant.error(self.omega) * np.sqrt(plant.sharing(self.omega, known))
-        by_encoder = self.motion_deviation * np.abs(inverse) + self.force_deviation
-        deviation = np.sqrt((by_plant + by_encoder) ** 2 + (law_error * self.force) ** 2 + self.numerics**2)
+        by_motion, by_law = self.motion_deviation * np.abs(inverse), law_error * self.force
+        parts = (by_plant, by_motion, self.force_deviation, by_law, self.unseen, self.numerics)
+        deviation = np.linalg.norm(parts, axis=0)
         return _Look(errors, law_error, self.thrust - force - self.motion * inverse, deviation, self.scale, known)
 
     def slope(self, place: _Look) -> NDArray[np.complex128]:
@@ -370,13 +399,25 @@ def _rounded_alike(record: SineRecord) -> NDArray[np.int64]:
 
 
 def _measured(
-    record: SineRecord, segment: Segment, orders: NDArray[np.int64], alike: int
-) -> tuple[NDArray[np.float64], NDArray[np.complex128], NDArray[np.complex128], NDArray[np.float64]]:
-    """Return frequency [rad/s], motion [m], thrust [N] and the deviation of the motion [m] at harmonics, (k,) each."""
-    estimator, lines = record.estimator, orders * int(segment.lines[0])
-    thrust = thrust_terms(estimator, segment)[orders - 1]
-    deviation = np.full(lines.size, _term_deviation(segment, estimator.output, record.encoder, alike))
-    return line_omega(segment, lines), record_terms(segment, estimator.output, lines), thrust, deviation
+    record: SineRecord, stiffness: Stiffness, number: int, orders: NDArray[np.int64], alike: int
+) -> tuple[NDArray[np.float64] | NDArray[np.complex128], ...]:
+    """Return frequency [rad/s], motion [m] and thrust [N] at harmonics of a segment, and deviations, (k,) each.
+
+    Those are of the motion [m] and of friction [N], by the encoder. What that does to the force in the mean is taken
+    off the thrust. Drawn motions take weak terms for nothing: what noise hides of a term acts on the stiffest friction.
+    """
+    segment, estimator, places = record.segments[number], record.estimator, orders - 1
+    lines = orders * int(segment.lines[0])
+    omega, thrust = line_omega(segment, lines), thrust_terms(estimator, segment)[places]
+    motion = record_terms(segment, estimator.output, lines)
+    shown, stated = _term_deviations(segment, estimator.output, record.encoder, alike)
+    by_force = shown * stiffness(omega)
+    if record.errors is not None:
+        likely, *errors = record.errors[number]
+        mean, deviations = (each.force[..., places] for each in errors)
+        motion, thrust = likely[places], thrust - mean
+        by_force = np.maximum(by_force, shown / stated * np.linalg.norm(deviations, axis=0))
+    return omega, motion, thrust, np.full(lines.size, shown), by_force
 
 
 def thrust_terms(estimator: DelayedEstimator, segment: Segment) -> NDArray[np.complex128]:
@@ -398,18 +439,18 @@ def record_terms(segment: Segment, channel: str, lines: NDArray[np.int64]) -> ND
     return record_spectrum(segment, channel)[lines * len(periods)] * (2 / periods.size)
 
 
-def _term_deviation(segment: Segment, channel: str, encoder: Encoder, alike: int) -> float:
-    """Return the standard deviation of a term of y' [m]: of the stated encoder, or as the record shows it if greater.
+def _term_deviations(segment: Segment, channel: str, encoder: Encoder, alike: int) -> tuple[float, float]:
+    """Return the standard deviation of a term of y' [m], and that of a stated encoder in a segment by itself.
 
-    Between the terms of a periodic motion is noise alone; of a single period the upper half of the terms is mostly so.
+    Segments that are `alike` share their rounding, and a record may show more noise than the encoder has: between the
+    terms of a periodic motion is noise alone; of a single period the upper half of the terms is mostly so.
     """
     y = segment.channels[channel]
-    rounding = alike * phasor_variance(segment, encoder._replace(noise=0.0), channel)[0]
-    stated = rounding + 4 * encoder.noise**2 / y.size
+    rounding, noise = phasor_variance(segment, encoder._replace(noise=0.0), channel)[0], 4 * encoder.noise**2 / y.size
     terms = record_spectrum(segment, channel)
-    noise = terms[terms.size // 2 :] if len(y) == 1 else terms[np.arange(terms.size) % len(y) != 0]
-    shown = (noise.real**2 + noise.imag**2).mean() * (2 / y.size) ** 2
-    return float(np.sqrt(max(stated, shown)))
+    between = terms[terms.size // 2 :] if len(y) == 1 else terms[np.arange(terms.size) % len(y) != 0]
+    shown = (between.real**2 + between.imag**2).mean() * (2 / y.size) ** 2
+    return float(np.sqrt(max(alike * rounding + noise, shown))), float(np.sqrt(rounding + noise))
 
 
 def _relative_radius(response: FrequencyResponse) -> NDArray[np.float64]:

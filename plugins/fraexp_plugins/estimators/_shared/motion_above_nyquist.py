@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from fraexp.api import FrequencyResponse, Segment, fourier_sums, image_factor, path_response, phasors
 from fraexp_plugins.estimators._shared.delayed_estimator import DelayedEstimator
 from fraexp_plugins.estimators._shared.effective_input_observer import ObserverEstimator, resample
+from fraexp_plugins.estimators._shared.friction_posterior import ForceErrors
 from fraexp_plugins.estimators._shared.plant_above_modes import PlantAboveModes
-from fraexp_plugins.estimators._shared.possible_motions import ForceErrors
 
 
 class HoldImages(NamedTuple):

@@ -17,12 +17,14 @@ from fraexp.api import (
     FrequencyResponse,
     Motion,
     Segment,
+    Signals,
     fourier_sums,
     path_response,
     phasors,
 )
 from fraexp_plugins.estimators._shared.contacts import ContactForces, ContactFriction
 from fraexp_plugins.estimators._shared.effective_input_observer import ObserverEstimator
+from fraexp_plugins.estimators._shared.friction_posterior import ForceErrors, MotionErrors, harmonic_lines
 from fraexp_plugins.estimators._shared.measured_motion import MeasuredMotion
 from fraexp_plugins.estimators._shared.plant_above_modes import Harmonics, PlantAboveModes, fit_above_modes
 
@@ -75,19 +77,12 @@ def draw_motions(motion: MeasuredMotion, seed: int) -> NDArray[np.complex128]:
     return np.asarray(motion.posterior + spread)
 
 
-class ForceErrors(NamedTuple):
-    """Errors of the output and of all friction as thrust, at the lines of a segment, shape (…, lines)."""
-
-    output: NDArray[np.complex128]
-    """[m]."""
-    force: NDArray[np.complex128]
-    """[N]."""
-
-
 class _DrawnMotion(NamedTuple):
     """What could have been measured in a segment, by the channels of positions."""
 
     segment: Segment
+    lines: NDArray[np.int64]
+    """Terms that are excited, and of a sine their multiples, shape (lines,)."""
     measured: Mapping[str, MeasuredMotion]
     changes: Mapping[str, NDArray[np.complex128]]
     """Drawn motions, and the clear terms, less the motion that the observer took [m], shape (draws + 1, terms)."""
@@ -102,21 +97,26 @@ class _DrawnMotion(NamedTuple):
         return own, change
 
 
-def draw_errors(
-    forces: ContactForces, output: str, known: Sequence[MeasuredMotion] | None
-) -> Iterator[tuple[int, ForceErrors]]:
-    """Yield the errors of the motions that each segment could have made, and of its clear terms, (draws + 1, lines).
+def draw_errors(forces: ContactForces, output: str, known: Sequence[MeasuredMotion] | None) -> Iterator[MotionErrors]:
+    """Yield the errors by the motions that each segment could have made, at its lines; of a sine also at its harmonics.
 
-    The motions of the output may be known already. Those of several segments are run side by side.
+    How much of the terms that noise partly hides is motion is a guess: what they change of the force is one more
+    deviation. The motions of the output may be known already. Those of several segments are run side by side.
     """
     everything = range(len(forces.signals.segments))
     for begin in everything[::SEGMENTS_AT_ONCE]:
         numbers = everything[begin : begin + SEGMENTS_AT_ONCE]
         drawn = [_drawn_motion(forces, number, output, known[number] if known else None) for number in numbers]
         thrusts = [_force_errors(contact, numbers, drawn) for contact in forces.contacts]
-        for number, each, *force in zip(numbers, drawn, *thrusts, strict=True):
-            moved = 2 * each.changes[output][:, each.measured[output].lines]
-            yield number, ForceErrors(moved, np.add.reduce(force))
+        for each, *force in zip(drawn, *thrusts, strict=True):
+            moved, pushed = 2 * each.changes[output][:, each.lines], np.add.reduce(force)
+            mean = ForceErrors(*(np.add.reduce(part[:DRAWS]) / DRAWS for part in (moved, pushed)))
+            own, other = (
+                (part[:DRAWS] - of) / np.sqrt(DRAWS - 1) for part, of in zip((moved, pushed), mean, strict=True)
+            )
+            guess = mean.force - pushed[DRAWS:]
+            motion = 2 * each.measured[output].taken[each.lines] + mean.output
+            yield MotionErrors(motion, mean, ForceErrors(np.vstack([own, 0 * guess]), np.vstack([other, guess])))
 
 
 def _drawn_motion(forces: ContactForces, number: int, output: str, known: MeasuredMotion | None) -> _DrawnMotion:
@@ -128,7 +128,8 @@ def _drawn_motion(forces: ContactForces, number: int, output: str, known: Measur
     for channel, motion in measured.items():
         drawn = draw_motions(motion, zlib.crc32(segment.channels[channel].tobytes()))
         changes[channel] = np.vstack([drawn, np.where(motion.is_clear, motion.terms, 0)]) - motion.taken
-    return _DrawnMotion(segment, measured, changes)
+    lines = harmonic_lines(segment) if segment.lines.size == 1 else segment.lines
+    return _DrawnMotion(segment, lines // np.gcd.reduce(segment.lines), measured, changes)
 
 
 def _force_errors(
@@ -144,11 +145,11 @@ def _force_errors(
         driving += motions_of(observer, segment, np.vstack([own.taken, own.taken + change]), own.duration)
         driving += motions_of(observer, segment, own.taken[None], own.duration, FINER)
     forces = iter(observer.law.forces(driving))
-    for number, (segment, *_), (own, change) in zip(numbers, drawn, moved, strict=True):
-        lines, at_lines = own.lines, own.omega[own.lines]
+    for number, (segment, lines, *_), (own, change) in zip(numbers, drawn, moved, strict=True):
+        at_lines, recorded = own.omega[lines], lines * np.gcd.reduce(segment.lines)
         sums = fourier_sums(np.stack([next(forces) for _ in range(DRAWS + 2)]), lines)
         coarse = np.add.reduce(contact.forces[number]) / len(contact.forces[number])
-        sums[1:] += fourier_sums(next(forces)[None], lines) - fourier_sums(coarse[None], segment.lines)
+        sums[1:] += fourier_sums(next(forces)[None], lines) - fourier_sums(coarse[None], recorded)
         error = (sums[1:] - sums[0]) * observer.force_factor(at_lines)
         error += 2j * at_lines * observer.law.viscous * change[:, lines]
         found.append(np.asarray(contact.thrust_ratio(at_lines) * error))
@@ -174,37 +175,30 @@ def motions_of(
 
 def with_possible_motions(
     response: FrequencyResponse,
-    forces: ContactForces,
+    signals: Signals,
     output: str,
-    motions: Sequence[MeasuredMotion] | None,
+    errors: Sequence[MotionErrors],
     unsampled: Sequence[ForceErrors] | None,
 ) -> FrequencyResponse:
     """Return a response that is moved by the mean error of all motions that are possible, with their scatter as band.
 
-    How much of the terms that noise partly hides is motion is a guess: what they change is part of the band, and so is
-    what lies between the samples, `unsampled`, in each segment. Where
-    the periods scatter more than noise and rounding explain, the band is as wide as their scatter: something else
-    disturbs the machine.
+    What lies between the samples in each segment, `unsampled`, is part of the band. Where the periods scatter more than
+    noise and rounding explain, the band is as wide as their scatter: something else disturbs the machine.
     """
     ratios, vectors, begin = [], [], 0
-    for number, errors in draw_errors(forces, output, motions):
-        segment = forces.signals.segments[number]
-        measured = phasors(segment, output)
-        y = np.add.reduce(measured) / len(measured)
-        drawn = ForceErrors(errors.output[:DRAWS], errors.force[:DRAWS])
-        moved, force = (np.add.reduce(each) / DRAWS for each in drawn)
+    for number, (segment, own) in enumerate(zip(signals.segments, errors, strict=True)):
+        measured, count = phasors(segment, output), segment.lines.size
+        y, (_, mean, deviations) = np.add.reduce(measured) / len(measured), own
         with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
-            effective = y / response.response[begin : begin + segment.lines.size] - force
-            ratio = (y + moved) / effective
-            scatter = (drawn.output - moved + ratio * (drawn.force - force)) / effective / np.sqrt(DRAWS - 1)
-            rows = [scatter, ratio * (force - errors.force[DRAWS:]) / effective]
+            effective = y / response.response[begin : begin + count] - mean.force[:count]
+            ratio = (y + mean.output[:count]) / effective
+            rows = (deviations.output[:, :count] + ratio * deviations.force[:, :count]) / effective
             if unsampled is not None:
                 hidden = (unsampled[number].output + ratio * unsampled[number].force) / effective
-                ratio = ratio - hidden
-                rows.append(hidden[None])
-        begin += segment.lines.size
+                ratio, rows = ratio - hidden, np.vstack([rows, hidden])
+        begin += count
         ratios.append(ratio)
-        vectors.append(np.vstack(rows))
+        vectors.append(rows)
     return _with_error_vectors(response, np.concatenate(ratios), np.concatenate(vectors, axis=1))
 
 
