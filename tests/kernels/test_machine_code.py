@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from tests.examples import thorough
-from tests.forks import ForkedPython
 
 USE = """
 import sys, time
@@ -60,9 +59,9 @@ class Bench:
         (self.plugins / "spring.py").write_text(LAW.format(factor=factor, line=line), encoding="utf-8")
 
     def start(self) -> "subprocess.Popen[str]":
-        command = [sys.executable, "-c", USE, str(self.plugins)]
+        command = [sys.executable, "-W", "error", "-c", USE, str(self.plugins)]
         environment = {**os.environ, "FRAEXP_CACHE_DIR": str(self.cache)}
-        return ForkedPython(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     def use(self) -> tuple[str, int]:
         """Return the force as a fresh process computes it, and how much it has compiled."""
