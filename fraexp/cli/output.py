@@ -5,10 +5,10 @@ import re
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Literal, TextIO
 
+from fraexp.cli.standard_streams import discard_unwritable
 from fraexp.data.texts import printable
 
 MIN_TEXT_CELLS = 20
@@ -122,10 +122,13 @@ NUMBER_PATTERN = re.compile(r"[+±-]?[\d.]+(e[+-]?\d+)?(/\d+)?( (?!to )[^,]*)?$"
 def say(text: str) -> None:
     """Print a message on stderr: one line, wrapped on a terminal, cut in the middle if it is far too long.
 
-    A line that cannot be written is dropped: a run is worth more than its messages.
+    A line that cannot be written is dropped, and those after it: a run is worth more than its messages. What stays in
+    the buffer would fail the flush before processes are started.
     """
-    with suppress(OSError):
+    try:
         print(fit_lines(shorten(printable(shorten(text))), sys.stderr), file=sys.stderr, flush=True)
+    except OSError:
+        discard_unwritable(sys.stderr)
 
 
 def ask(question: str) -> bool:

@@ -94,7 +94,7 @@ def test_streams_that_are_closed_or_full_are_no_error(streams: str, workspace: P
 
 @pytest.mark.thorough
 def test_a_run_whose_messages_nobody_takes_is_stored(tmp_path: Path) -> None:
-    done = shell(f"fraexp run {' '.join(FEW)} >/dev/full 2>/dev/full; echo $?", tmp_path)
+    done = shell(f"fraexp run {' '.join(FEW)} >/dev/full 2>/dev/full; echo $?", tmp_path, PYTHONUNBUFFERED="")
     assert done.stdout == f"{ExitCode.OUTPUT}\n"
     with Store.open(str(tmp_path / "results.db"), read_only=True) as store:
         assert store.run(1).state == "complete"
