@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fraexp_plugins.estimators.effective_input import EffectiveInput
+from fraexp_plugins.friction.dahl import Dahl
 from fraexp_plugins.friction.lugre import LuGre
 from scipy import stats
 
@@ -159,3 +160,13 @@ def test_a_law_of_another_kind_is_an_error_of_the_law(resolution):
     assert holds.mean() > 0.9
     assert error[is_ok].max(initial=0.0) < USUAL_MAGNITUDE
     assert found.outcome is Outcome.INACCURATE
+
+
+def test_errors_that_no_prior_allows_contradict_the_model():
+    """Dahl's law bends as rolling elements do if its deflections are twice as large."""
+    record = simulated(guide(), tuple(np.geomspace(1.0, 200.0, 30)), 30.0, resolution=1e-7, tolerance=1e-4)
+    dahl = Dahl(stiffness=17.9 / 30e-6, coulomb_force=17.9)
+    for changes, is_far in (({"friction": dahl}, True), ({"force_scale": 1.2}, False), ({"force_scale": 1.5}, True)):
+        found = estimated(record, **changes)
+        assert any(each.place == "friction model" for each in found.findings) is is_far
+        assert not is_far or found.outcome is Outcome.INACCURATE

@@ -122,7 +122,7 @@ def test_a_sweep_that_failed_shows_its_message_and_log(workspace):
 
 
 @pytest.mark.thorough
-def test_it_is_marked_and_tagged_here_too(workspace, keys):
+def test_it_is_marked_tagged_and_compared_with_the_marked_ones_here_too(workspace, keys):
     async def steps(app, pilot):
         await opened(app, pilot, keys[1])
         await pilot.press("space")
@@ -131,19 +131,10 @@ def test_it_is_marked_and_tagged_here_too(workspace, keys):
         await shows(pilot, "(one word)?")
         await pilot.press(*"fine", "enter")
         await shows(pilot, "tags fine")
-        assert list(app.marks) == [keys[1]]
-
-    pilot_of(workspace, steps)
-
-
-@pytest.mark.thorough
-def test_c_compares_it_with_the_marked_ones(workspace, keys):
-    async def steps(app, pilot):
         app.marks.add([keys[0]])
-        await opened(app, pilot, keys[1])
         await pilot.press("c")
         await until(pilot, lambda: app.current_mode == "compare")
-        assert list(app.marks) == keys[:2]
+        assert list(app.marks) == [keys[1], keys[0]]
 
     pilot_of(workspace, steps)
 

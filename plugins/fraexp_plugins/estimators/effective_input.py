@@ -61,7 +61,7 @@ from fraexp_plugins.estimators._shared.possible_motions import draw_errors, like
 from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
 
 
-class EffectiveInput(ObserverEstimator, name="effective_input", version=14):
+class EffectiveInput(ObserverEstimator, name="effective_input", version=15):
     """P̂ = y'/û_e with û_e = G_di G_do u - f̂: the effective control input observer, eqs (2)-(5).
 
     y' drives the friction model in the time domain; the delays act at each frequency. With the right friction model P̂
@@ -77,6 +77,7 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=14):
     within the measured frequencies they narrow these errors, and the response is that of the most probable ones. With
     `corrects_friction = false` it stays that of the stated model, and the band reaches to the plant. The dead time is
     one more such error, known to a sample unless `dead_time_std` states more: it turns the input at the harmonics.
+    Errors that are too great for what is stated, by a χ² test, say that the model is of another kind: it is not ok.
 
     Where friction holds the machine still, its force is not in y', and no observer sees it. The response is compared
     with the one that follows if friction balances the input there, and the difference is in the band.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fraexp.api import (
     NORMAL_QUANTILE,
     Estimator,
+    Finding,
     FrequencyResponse,
     FrictionModel,
     Metric,
@@ -42,6 +43,12 @@ MIN_FACTOR = 0.1
 """Factor of a scale by its error, at least."""
 CONTACTS_REMEDY = "raise the amplitude, or estimate plant and friction along the whole record (maximum_likelihood)"
 """What helps where one of several contacts stands."""
+
+CONTRADICTED_REMEDY = (
+    "check gains, signs and dead times, and identify the friction law (friction_identification with several laws, or "
+    "maximum_likelihood)"
+)
+"""What helps where the harmonics contradict the friction model."""
 
 Sizes = NDArray[np.float64]
 """Errors in their standard deviations, shape (p,)."""
@@ -86,6 +93,15 @@ class ModelErrors(NamedTuple):
             found.append(Metric(f"{name} by harmonics", max(of.value + of.std * mean, of.least), of.unit))
             found.append(Metric(f"{name} by harmonics, 95 %", NORMAL_QUANTILE * of.std * size, of.unit))
         return tuple(found) if posterior.harmonics else ()
+
+    def contradiction(self, posterior: FrictionPosterior) -> Finding | None:
+        """Return what harmonics say against the models as they are stated."""
+        if not posterior.is_far:
+            return None
+        stated = zip(self.numbers.items(), posterior.mean.tolist(), strict=False)
+        moved = [Quantity(of.value + of.std * mean, of.unit, f"{name} by harmonics") for (name, of), mean in stated]
+        far = Quantity(posterior.distance, "", "standard deviations from what is stated")
+        return Finding("misfit", (*moved, far), place="friction model", remedy=CONTRADICTED_REMEDY)
 
 
 def knows_friction(estimator: Estimator, friction: object, signals: Signals) -> bool:
@@ -153,7 +169,8 @@ def with_model_errors(
     if not corrects:
         covariance, change = covariance + outer_parts(change), 0 * change
     metrics = (*found.metrics, *errors.metrics(posterior))
-    return replace(found, response=with_inverse(found.response, change, covariance), metrics=metrics)
+    found = replace(found, response=with_inverse(found.response, change, covariance), metrics=metrics)
+    return found.with_findings(errors.contradiction(posterior), is_doubt=True)
 
 
 def inverse_response(result: Result) -> NDArray[np.complex128]:

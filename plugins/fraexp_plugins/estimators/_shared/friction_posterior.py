@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
+    SIGNIFICANCE,
     Encoder,
     FrequencyResponse,
     Segment,
@@ -77,6 +78,21 @@ class FrictionPosterior(NamedTuple):
     def prior(cls, count: int) -> "FrictionPosterior":
         """Return the prior of a number of errors."""
         return cls(np.zeros(count), np.eye(count))
+
+    @property
+    def distance(self) -> float:
+        """Distance of the errors from what is stated, in prior standard deviations."""
+        return float(np.linalg.norm(self.mean))
+
+    @property
+    def is_far(self) -> bool:
+        """Whether harmonics contradict what is stated: errors so great have at most the significance as probability.
+
+        Of a law of another kind they are the nearest ones, and their covariance means nothing.
+        """
+        from scipy.special import chdtri  # slow to import: listing plugins must stay fast
+
+        return bool(self.mean.size and self.distance**2 > chdtri(self.mean.size, SIGNIFICANCE))
 
 
 class ForceErrors(NamedTuple):
