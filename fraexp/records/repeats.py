@@ -499,6 +499,6 @@ def check_levels(cuts: Sequence[Cut], inputs: Sequence[NDArray[np.float64]], nam
         if max(found) > MAX_LEVEL_RATIO * min(found):
             raise RecordError(
                 f"{place}: the rms of '{name}' is {min(found):.3g} to {max(found):.3g} in segments that would be "
-                "averaged as realisations; analyse each level by itself, with {level} in a column, a file or select, "
-                "and level (--level)"
+                "averaged as realisations; give each level as a file of its own, or analyse it by itself, with {level} "
+                "in a column, a file or select, and level (--level)"
             )

@@ -95,9 +95,9 @@ def resolve(settings: RecordSettings, base_folder: Path, registry: Registry) -> 
     parts = [_resolve_part(one, base_folder, files, registry) for files, one in settings.parts()]
     _check_alike(parts)
     cuts = [cut for part in parts for cut in part.cuts]
-    inputs = [blocks for part in parts for blocks in part.blocks(settings.reference)]
     if len(cuts) > 1 and not (settings.steps or settings.frequency_column or settings.segments):
-        check_levels(cuts, inputs, settings.reference, parts[0].path.name)
+        for part in parts:  # each of which may have an amplitude of its own
+            check_levels(part.cuts, part.blocks(settings.reference), settings.reference, part.path.name)
         cuts = cuts if settings.harmonics else common_lines(cuts)
     segments = [cut.as_plain() for cut in cuts]
     first = parts[0]

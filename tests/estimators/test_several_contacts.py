@@ -41,23 +41,15 @@ def errors(response, position="load"):
 
 
 @pytest.mark.thorough
-def test_from_motor_to_load_with_both_encoders():
-    """The friction model is driven by the motor's encoder, and the response is that of the load's position."""
-    frictions = {"motor": MOTOR, "load": FRICTIONLESS}
+@pytest.mark.parametrize("load", [FRICTIONLESS, LOAD])
+def test_friction_at_one_end_or_both_is_taken_off(load):
+    """The friction models are driven by the encoders at their ends, and the response is that of the load's position."""
+    frictions = {"motor": MOTOR, "load": load}
     signals = record(frictions, 20.0)
     settings = {"output": "y.load", "input_dead_time": DEAD_TIME}
     conventional = Conventional(refer_to_plant=True, relative_degree=3, **settings).estimate(signals).response
     assert errors(conventional)[0] > 10
     magnitude, phase = errors(observer(frictions, output="y.load").estimate(signals).response)
-    assert magnitude < 0.02
-    assert phase < 0.1
-
-
-@pytest.mark.thorough
-def test_friction_at_both_ends_is_taken_off():
-    frictions = {"motor": MOTOR, "load": LOAD}
-    found = observer(frictions, output="y.load")
-    magnitude, phase = errors(found.estimate(record(frictions, 20.0)).response)
     assert magnitude < 0.02
     assert phase < 0.1
 

@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 import fraexp
 from fraexp.cli.main import main
-from fraexp.records.first_look import choose, look_at, with_channels
+from fraexp.records.first_look import JOINT, PLANT, choose, look_at, with_channels
 from fraexp.records.study_writer import ImportRequest
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.refusals import refused
@@ -24,19 +25,22 @@ FREQUENCIES = np.geomspace(4, 120, 20)
 PERIODS = 8
 
 
-def write_record(path: Path, amplitude: float, frequencies: np.ndarray = FREQUENCIES) -> None:
-    """Write stepped sines of two masses with friction at the motor, by semi-implicit Euler steps."""
+def write_record(
+    path: Path, amplitude: float, frequencies: np.ndarray = FREQUENCIES, lines: Sequence[int] = ()
+) -> None:
+    """Write stepped sines, or a multisine, of two masses with friction at the motor, by semi-implicit Euler steps."""
     random, step = np.random.default_rng(5), SAMPLE_TIME / STEPS
     x, v, load, speed = 0.0, 0.0, 0.0, 0.0
     deflections, waiting, last, rate, rows = [0.0] * len(FORCES), [0.0] * DELAY, 0.0, 0.0, []
-    for frequency in frequencies:
-        period = round(1 / (frequency * SAMPLE_TIME))
-        for number in range(PERIODS * period):
+    turns = [2 * np.pi * np.arange(period) / period for period in np.rint(1 / (frequencies * SAMPLE_TIME)).astype(int)]
+    waves = [sum(np.sin(line * turn + line**2) for line in lines) if lines else np.sin(turn) for turn in turns]
+    for wave in waves:
+        for number in range(PERIODS * wave.size):
             y = round((x + 2e-8 * random.standard_normal()) / 1e-7) * 1e-7
             rate += 0.3 * ((y - last) / SAMPLE_TIME - rate)
             last = y
-            u = amplitude * math.sin(2 * math.pi * number / period) - 2e4 * y - 150 * rate
-            rows.append((len(rows) * SAMPLE_TIME, u, 1e6 * y, 1 / (period * SAMPLE_TIME)))
+            u = amplitude * wave[number % wave.size] - 2e4 * y - 150 * rate
+            rows.append((len(rows) * SAMPLE_TIME, u, 1e6 * y, *[1 / (wave.size * SAMPLE_TIME)] * (not lines)))
             waiting.append(u)
             force = waiting.pop(0)
             for _ in range(STEPS):
@@ -50,7 +54,9 @@ def write_record(path: Path, amplitude: float, frequencies: np.ndarray = FREQUEN
                 speed += step * shaft / MASSES[1]
                 x, load = x + step * v, load + step * speed
     with path.open("w", newline="") as file:
-        csv.writer(file).writerows([("time [s]", "force [N]", "position [um]", "frequency [Hz]"), *rows])
+        csv.writer(file).writerows(
+            [("time [s]", "force [N]", "position [um]", "frequency [Hz]")[: len(rows[0])], *rows]
+        )
 
 
 @pytest.fixture(scope="module")
@@ -59,16 +65,17 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("records")
     for name, amplitude in (("low", 12.0), ("high", 40.0), ("again", 41.0)):
         write_record(folder / f"{name}.csv", amplitude, FREQUENCIES[10::5])
+        write_record(folder / f"{name}-all.csv", amplitude, np.array([2.0]), (2, 5, 11, 23, 40))
     return folder
 
 
 @pytest.mark.parametrize(
     ("names", "levels", "estimator"),
-    [(["low", "high"], 2, "plant_and_friction"), (["high", "again"], 1, "modal_fit"), (["low"], 1, "modal_fit")],
+    [("low high", 2, JOINT), ("high again", 1, PLANT), ("low", 1, PLANT), ("low-all high-all", 2, JOINT)],
 )
-def test_amplitudes_choose_the_estimator(records: Path, names: list[str], levels: int, estimator: str) -> None:
+def test_amplitudes_choose_the_estimator(records: Path, names: str, levels: int, estimator: str) -> None:
     registry = WorkspaceService.open(records).registry
-    request = with_channels(ImportRequest([records / f"{name}.csv" for name in names], {}), registry)
+    request = with_channels(ImportRequest([records / f"{name}.csv" for name in names.split()], {}), registry)
     look = look_at(request, registry)
     assert (look.levels, choose(look).estimator["name"]) == (levels, estimator)
     assert look.resolution == pytest.approx(1e-7)
