@@ -27,7 +27,7 @@ def delete(arguments: Namespace) -> ExitCode:
         found = {identifier: find_run_number(store, identifier) for identifier in arguments.ids}
         named = next((of for of, number in found.items() if number is not None and str(number) != of), None)
         if named:  # by its study
-            raise FraexpError(f"delete: '{named}' is a study; expected a run number (its newest run is {found[named]})")
+            raise FraexpError(f"delete: '{named}' is a study; expected a run number, such as {found[named]}")
         runs = list(dict.fromkeys(number for number in found.values() if number is not None))
         keys = list(dict.fromkeys(store.find(of).key for of, number in found.items() if number is None))
         losses = [run_loss_text(store, number) for number in runs] + ([sweep_loss_text(store, keys)] if keys else [])

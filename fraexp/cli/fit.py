@@ -55,8 +55,9 @@ def _follow_fit(arguments: Namespace, kind: str, workspace: WorkspaceService) ->
     with workspace.open_store() as store:
         numbers = [find_run_number(store, identifier) for identifier in arguments.ids]
         names = {store.run(number).study for number in numbers if number is not None}
-        results = store.results(sweep.key for sweep in choose_sweeps(store, arguments.ids))
-        sweeps = [sweep for sweep in choose_sweeps(store, arguments.ids) if sweep.key in results]
+        chosen = choose_sweeps(store, arguments.ids)
+        results = store.results(sweep.key for sweep in chosen)
+        sweeps = [sweep for sweep in chosen if sweep.key in results]
     sweeps = leave_out_damaged(sweeps, results, say)
     with_response = [sweep for sweep in sweeps if results[sweep.key].response is not None]
     if not with_response:

@@ -99,7 +99,7 @@ COMMON_OPTIONS = (
 
 KINDS = ("friction", "plant", "controller", "excitation", "estimator", "reader", "machine")
 """Kinds of component."""
-ID_HELP = "a run number, a study name (its newest run), or the beginning of a sweep key"
+ID_HELP = "a run number, a study name (its newest run with results), or the beginning of a sweep key"
 STUDY_HELP = "study file (TOML) or study name, with [limits]"
 IDS = _option("ids ID", ID_HELP, nargs="+")
 JSON = _switch("--json", "print one JSON document")
@@ -316,7 +316,7 @@ COMMANDS = {
         "write an HTML report of runs",
         _option(
             "ids ID",
-            "a run number, a study name (its newest run), or a folder of studies (the newest run of each)",
+            "a run number, a study name (its newest run with results), or a folder of studies (that of each)",
             nargs="+",
         ),
         _output("report to write (.html)"),

@@ -31,7 +31,7 @@ def execute(arguments: Namespace) -> ExitCode:
 
 
 def _run_numbers(store: Store, identifier: str) -> list[int]:
-    """Return the run of a number or study name; for a folder name, the newest run of each study in it.
+    """Return the run of a number or study name; for a folder name, the newest run with results of each study in it.
 
     Runs of fits are named after the folder too, but have no study file.
     """
@@ -39,8 +39,8 @@ def _run_numbers(store: Store, identifier: str) -> list[int]:
     if number is not None:
         return [store.run(number).number]
     inside = f"{identifier.rstrip('/')}/"
-    studies = [run for run in reversed(store.runs()) if run.study_file.endswith(".toml")]
+    studies = [run for run in reversed(store.runs()) if run.study_file.endswith(".toml") and run.has_results]
     newest = {run.study: run.number for run in studies if run.study.startswith(inside)}
     if not newest:
-        raise FraexpError(f"report: no run of '{identifier}'; expected a run or a study as fraexp list shows them")
+        raise FraexpError(f"report: no run of '{identifier}' has results; fraexp list shows runs and studies")
     return [newest[study] for study in sorted(newest)]

@@ -8,7 +8,7 @@ from fraexp.cli.documents import run_document, sweep_document
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_fields, print_json, print_line, print_table, say
 from fraexp.cli.summary import ALL_REMEDY, needs_summary, print_summary
-from fraexp.cli.sweep_lookup import find_run_number, workspace_folder
+from fraexp.cli.sweep_lookup import find_run_number, find_sweeps, workspace_folder
 from fraexp.data.results import Fit, Result
 from fraexp.data.rotary_axes import is_rotary
 from fraexp.data.sweep import Plain
@@ -55,7 +55,7 @@ def _show_run(store: Store, number_: int, arguments: Namespace) -> None:
 
     if arguments.controller:
         raise FraexpError("--controller closes the loop around the response of one sweep; give the key of a sweep")
-    run, sweeps = store.run(number_), store.sweeps(number_)
+    run, sweeps = store.run(number_), find_sweeps(store, arguments.id)
     results = store.results(sweep.key for sweep in sweeps)
     sweeps = mark_damaged(sweeps, results)
     say_recomputed(run, sweeps)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from fraexp.cli.output import say
 from fraexp.errors import FraexpError, StoreError
 from fraexp.store import Store, StoredSweep
 from fraexp.workspace.workspace_folder import WorkspaceFolder
@@ -22,10 +23,18 @@ def workspace_folder(arguments: Namespace) -> WorkspaceFolder:
 
 
 def find_run_number(store: Store, identifier: str) -> int | None:
-    """Return the run of a number, or the newest run of a study name; None for a sweep key."""
+    """Return the run of a number, or the newest run with results of a study name; None for a sweep key."""
     if identifier.isascii() and identifier.isdigit():
         return _find_run_of_digits(store, identifier)
-    return next((run.number for run in store.runs() if run.study == identifier), None)
+    numbers = _numbers_of_study(store, identifier)
+    return numbers[-1] if numbers else None
+
+
+def _numbers_of_study(store: Store, name: str) -> list[int]:
+    """Return the runs of a study from the newest to the newest with results; to no other if none has results."""
+    runs = [run for run in store.runs() if run.study == name]
+    taken = next((place for place, run in enumerate(runs) if run.has_results), 0)
+    return [run.number for run in runs[: taken + 1]]
 
 
 def _find_run_of_digits(store: Store, identifier: str) -> int | None:
@@ -44,8 +53,11 @@ def _is_found(ask: Callable[[Any], object], what: object) -> bool:
 
 
 def find_sweeps(store: Store, identifier: str) -> list[StoredSweep]:
-    """Return the sweeps of a run in grid order, or the sweep of a key."""
+    """Return the sweeps of a run in grid order, or the sweep of a key; report a newer run that has no results."""
     number = find_run_number(store, identifier)
+    numbers = _numbers_of_study(store, identifier)
+    if number in numbers[1:]:
+        say(f"run {numbers[0]} of {identifier} has no results yet; run {number}, the newest with results, is taken")
     return [store.find(identifier)] if number is None else store.sweeps(number)
 
 

@@ -243,7 +243,7 @@ def test_nothing_is_deleted_where_nobody_can_be_asked(folder, sweeps, capsys, mo
 
 def test_a_study_is_no_name_of_what_to_delete(folder, capsys):
     _, err = said(capsys, "delete", "bench", "--yes", code=ExitCode.USAGE)
-    assert "expected a run number (its newest run is 1)" in err
+    assert "expected a run number, such as 1" in err
     assert count(folder) == 5
 
 
