@@ -5,8 +5,8 @@ from argparse import Namespace
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.output import print_path
 from fraexp.cli.sweep_lookup import find_run_number, find_sweeps, workspace_folder
-from fraexp.data.results import Outcome, Result
-from fraexp.errors import FraexpError, StoreError
+from fraexp.data.results import Result
+from fraexp.errors import FraexpError
 from fraexp.figures.result_files import WRITERS, export, json_value
 from fraexp.reports.published_comparisons import compare_sweep, comparison_document
 from fraexp.store import StoredSweep
@@ -23,8 +23,7 @@ def execute(arguments: Namespace) -> ExitCode:
             some = ", ".join(short_key(sweep.key) for sweep in sweeps[:6]) + (", ..." if len(sweeps) > 6 else "")
             run = f"run {find_run_number(store, arguments.id)}"
             raise FraexpError(f"export: {run} has {len(sweeps)} sweeps; expected one of them: {some}")
-        if sweeps[0].outcome is Outcome.DAMAGED:
-            raise StoreError(f"sweep {short_key(sweeps[0].key)}: {sweeps[0].message}; {Outcome.DAMAGED.value}")
+        sweeps[0].check_sound()
         result = store.result(sweeps[0].key)
         suffix, known = arguments.output.suffix, (*WRITERS, *CONTROLLER_SUFFIXES)
         if suffix.lower() not in known:

@@ -44,7 +44,7 @@ def execute(arguments: Namespace) -> ExitCode:
     with workspace_folder(arguments).open_store() as store:
         number_ = find_run_number(store, arguments.id)
         if number_ is None:
-            _show_sweep(store, arguments)
+            _show_sweep(store, arguments).check_sound()
         else:
             _show_run(store, number_, arguments)
     return ExitCode.OK
@@ -85,7 +85,8 @@ def say_recomputed(run: RunSummary, sweeps: Sequence[StoredSweep]) -> None:
         say(f"{len(again)} of {plural(run.total, 'sweep')} {have} been recomputed since; the new results are shown")
 
 
-def _show_sweep(store: Store, arguments: Namespace) -> None:
+def _show_sweep(store: Store, arguments: Namespace) -> StoredSweep:
+    """Print a sweep, and return it with the outcome that was found."""
     sweep = store.find(arguments.id)
     results, log = store.results([sweep.key]), store.log(sweep.key)
     result = results.get(sweep.key)
@@ -94,7 +95,7 @@ def _show_sweep(store: Store, arguments: Namespace) -> None:
     if arguments.json:
         figures = loop_margins(sweep, result, workspace_folder(arguments).registry, around)
         print_json({**sweep_document(sweep, result), "loop": [json_value(figure._asdict()) for figure in figures]})
-        return
+        return sweep
     print_fields(sweep_fields(sweep, workspace_folder(arguments).registry))
     print("\nparameters")
     drawn, registry = drawn_labels(sweep.labels), workspace_folder(arguments).registry
@@ -113,6 +114,7 @@ def _show_sweep(store: Store, arguments: Namespace) -> None:
         print("\nlog")
         for line in log.splitlines():
             print_line(line)
+    return sweep
 
 
 def _controller_around(arguments: Namespace, result: Result | None) -> Plain | None:

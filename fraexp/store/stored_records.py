@@ -6,6 +6,7 @@ from datetime import datetime
 
 from fraexp.data.findings import Finding, message_of
 from fraexp.data.results import Outcome, Result
+from fraexp.errors import StoreError
 from fraexp.store.liveness import Process
 from fraexp.store.validation import JsonTable
 
@@ -152,6 +153,11 @@ class StoredSweep:
         """Return the name of its component of a kind; None without one, and for those of several ports."""
         spec = self.sections.get(kind)
         return spec.get("name") if isinstance(spec, dict) else None
+
+    def check_sound(self) -> None:
+        """Raise StoreError if it is damaged."""
+        if self.outcome is Outcome.DAMAGED:
+            raise StoreError(f"sweep {self.key[4:12]}: {self.message}; {self.outcome.value}")
 
 
 def mark_damaged(sweeps: Iterable[StoredSweep], results: Mapping[str, Result]) -> list[StoredSweep]:

@@ -107,16 +107,16 @@ def test_doctor_names_a_foreign_database(tmp_path: Path, capsys: pytest.CaptureF
 
 
 @pytest.mark.parametrize(
-    ("statement", "finding"),
+    ("statement", "code", "finding"),
     [
-        ("UPDATE sweep SET outcome = 'ok' WHERE outcome IS NOT NULL", "4 of 5 sweeps and 0 of 1 runs are damaged"),
-        ("UPDATE run SET study = 'other'", "0 of 5 sweeps and 1 of 1 runs are damaged"),
+        ("UPDATE sweep SET outcome = 'ok' WHERE outcome IS NOT NULL", 3, "4 of 5 sweeps and 0 of 1 runs are damaged"),
+        ("UPDATE run SET study = 'other'", 0, "0 of 5 sweeps and 1 of 1 runs are damaged"),
     ],
 )
-def test_doctor_finds_what_is_no_result(
-    statement: str, finding: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_doctor_finds_what_is_no_result_and_show_says_so(
+    statement: str, code: int, finding: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    fill(tmp_path / "results.db")
+    key = fill(tmp_path / "results.db")[0].key
     with closing(sqlite3.connect(tmp_path / "results.db")) as connection, connection:
         connection.execute(statement)
     assert main(["doctor", "--workspace", str(tmp_path), "--json"]) == ExitCode.INCOMPLETE
@@ -125,6 +125,8 @@ def test_doctor_finds_what_is_no_result(
     assert error.endswith(
         "; restore a copy with 'fraexp restore COPY', or save what is sound with fraexp merge into a new one"
     )
+    assert main(["show", key, "--workspace", str(tmp_path)]) == code
+    assert capsys.readouterr().err.startswith(f"fraexp: sweep {key[4:12]}: the stored values") == (code > 0)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")

@@ -35,7 +35,11 @@ def test_digits_that_no_run_has_are_how_a_key_begins(digits: str, capsys: pytest
 def test_digits_that_nothing_has_are_a_run_if_few_and_a_key_if_many(
     digits: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for given, sentence in (("77", "there is no run 77"), ("99999999", "no sweep's key starts with '99999999'")):
+    for given, sentence in (
+        ("77", "is no run 77"),
+        ("99999999", "key starts with '9999"),
+        ("-1", "key starts with '-1'"),
+    ):
         if not digits.startswith(given):
             assert main(["show", given]) == ExitCode.STORE
             assert sentence in capsys.readouterr().err

@@ -81,7 +81,7 @@ def test_common_options_may_stand_before_or_after_the_command(
     ("line", "code", "sentence"),
     [
         (["show", "9"], 3, "there is no run 9; the newest is run 1"),
-        (["show", "abcdefabcdef"], 3, "no sweep's key starts with 'abcdefabcdef'"),
+        (["show", "benhc"], 3, "'fraexp run STUDY' computes a study; did you mean 'bench'?"),
         (["show", "paper/fig12"], 3, "no study of this name has been run; 'fraexp list' shows"),
         (["export", "bench", "-o", "r.csv"], 2, "export: run 1 has 5 sweeps; expected one of them: "),
         (["list", "--db", "elsewhere.db"], 3, "elsewhere.db"),

@@ -7,9 +7,9 @@ from datetime import datetime
 from sqlalchemy import Connection, RowMapping, and_, false, func, or_, select
 
 from fraexp.data.findings import remarks
-from fraexp.data.identity import key_heads
+from fraexp.data.identity import TAG, key_heads
 from fraexp.data.results import UNUSABLE_OUTCOMES, Outcome
-from fraexp.errors import StoreError
+from fraexp.errors import StoreError, did_you_mean
 from fraexp.store import codec, shared_sections
 from fraexp.store.damage import DAMAGED, RESTORE_HINT, read_tolerantly
 from fraexp.store.digests import (
@@ -151,7 +151,7 @@ def _count_sweeps(connection: Connection, number: int) -> int:
 
 def find_sweep(connection: Connection, prefix: str) -> StoredSweep:
     """Return the sweep whose key starts with a prefix, with or without ``fx2-``, as in its latest run."""
-    if len(prefix.rpartition("-")[2]) < MIN_PREFIX:
+    if len(prefix.removeprefix(f"{TAG}-")) < MIN_PREFIX and key_heads(prefix):
         raise StoreError(f"'{prefix}' is too short for the key of a sweep; give {MIN_PREFIX} characters or more")
     # Digits are hexadecimal, so everything that starts with the prefix lies below prefix + "g".
     ranges = [and_(sweep.c.key >= head, sweep.c.key < f"{head}g") for head in key_heads(prefix)]
@@ -161,6 +161,7 @@ def find_sweep(connection: Connection, prefix: str) -> StoredSweep:
         raise StoreError(
             f"no sweep's key starts with '{prefix}', and no study of this name has been run; 'fraexp list' shows the "
             "runs and their studies, 'fraexp show RUN' its sweeps, and 'fraexp run STUDY' computes a study"
+            + did_you_mean(prefix, connection.scalars(select(run.c.study).distinct()))
         )
     if len(keys) > 1:
         some = ", ".join(keys[:3]) + (", ..." if len(keys) > 3 else "")
