@@ -31,12 +31,7 @@ from subset_simulation import Level, climb, exceedance
 from fraexp.components.measurement_settings import MIN_RAMP_OUT_S, ramp_out_samples
 from fraexp.components.periods import Period, Schedule
 from fraexp.errors import MachineError
-from fraexp.measurement.measurement_plan import (
-    NEAR_RATIO,
-    PlannedPoint,
-    plan_points,
-    planning_setup,
-)
+from fraexp.measurement.measurement_plan import NEAR_RATIO, PlannedPoint, plan_points, planning_setup
 from fraexp.measurement.play_demands import simulate_demands
 from fraexp.simulation.experiments import Experiment, Setup
 from fraexp.simulation.machine import Machine, build_machine

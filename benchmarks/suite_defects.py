@@ -64,8 +64,7 @@ DEFECTS = (
     ),
     Defect(
         "Dahl's exponent halved", f"{PLUGINS}/friction/dahl.py",
-        "math.exp(-stiffness * abs(dy) / coulomb_force)", "math.exp(-0.5 * stiffness * abs(dy) / coulomb_force)",
-        "tests/physics/test_dahl_and_lugre.py",
+        "math.exp(-stiffness * abs(dy)", "math.exp(-0.5 * stiffness * abs(dy)", "tests/physics/test_dahl_and_lugre.py",
     ),
     Defect(
         "friction that sees 98 % of the motion", "fraexp/kernels/friction_step.py",
@@ -89,8 +88,7 @@ DEFECTS = (
     ),
     Defect(
         "seed of the phases", f"{PLUGINS}/excitations/multisine.py",
-        "np.random.default_rng([self.seed, 1, number])", "np.random.default_rng([self.seed, 1])",
-        "tests/excitations/test_multisine.py",
+        "rng([self.seed, 1, number])", "rng([self.seed, 1])", "tests/excitations/test_multisine.py",
     ),
     Defect(
         "seed of the draws", "fraexp/study/random_draws.py",
@@ -103,8 +101,7 @@ DEFECTS = (
     ),
     Defect(
         "settled from 100 times the tolerance on", "fraexp/kernels/settling.py",
-        "_all_to_come(excess, before) > job.tolerance", "_all_to_come(excess, before) > 100 * job.tolerance",
-        "tests/simulation/test_settling.py",
+        "(excess, before) > job.", "(excess, before) > 100 * job.", "tests/simulation/test_settling.py",
     ),
     Defect(
         "all tags of a name removed", "fraexp/store/queries/tags.py",
@@ -118,8 +115,7 @@ DEFECTS = (
     ),
     Defect(
         "a date that includes the next day", "fraexp/store/queries/filter_sql.py",
-        "and_(created >= begin, created < end)", "and_(created >= begin, created <= end + (end - begin))",
-        "tests/store/test_finding.py",
+        "created < end)", "created <= end + (end - begin))", "tests/store/test_finding.py",
     ),
     Defect(
         "limits that nothing exceeds", "fraexp/measurement/motion_guard.py",
