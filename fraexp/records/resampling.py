@@ -61,14 +61,18 @@ def plan_sampling(
     The keys are `window`, first sample and the one after the last, and `clock`, that of resampled channels; then
     `time` is the column of the time, unless columns have their own.
     """
-    column = settings.time_column
-    if column is None and settings.resample and not table.times:
-        column = find_time_column(reader, table, path)
-        if column is None:
+    column, clock = settings.time_column, 1 / table.sample_time if table.sample_time else None
+    if column is None and not table.times:
+        if not (clock or settings.resample):
+            clock = find_clock(reader, table, path, settings.sample_rate)
+        if settings.resample or not (clock or settings.sample_rate):  # then its steps tell what is wrong
+            column = find_time_column(reader, table, path)
+        if column is None and settings.resample:
             raise RecordError(
                 f"{path.name}: resample needs time stamps, and no column is the time; give time_column (--time)"
             )
-        table = replace(table, columns={**table.columns, **reader.read(path, [column.column]).columns})
+        if column is not None:
+            table = replace(table, columns={**table.columns, **reader.read(path, [column.column]).columns})
     plain: PlainTable = {}
     if column is not None:
         unit = clock_unit(column.column, table.columns[column.column])
@@ -78,13 +82,13 @@ def plan_sampling(
         plain["time"] = {"column": column.column, "scale": resolve_channel("time", column, table, path, unit)["scale"]}
     has_one_rate = table.sample_time is not None and not plain and not settings.resample
     stamps = {} if has_one_rate else _stamps(table, plain, path)
-    rate = None if settings.resample else _uniform_rate(settings, reader, table, stamps, path)
+    rate = None if stamps or settings.resample else _uniform_rate(settings, reader, table, clock, path)
     window = _window(settings, stamps, rate, table, path)
     part: PlainTable = {"window": list(window)} if window else {}
     stamps = {name: time[slice(*window)] for name, time in stamps.items()} if window else stamps
     if settings.resample:
-        clock = plan_clock(stamps, settings.sample_rate, settings.period_time, settings.resample, path.name)
-        return clock.rate, {**plain, **part, "clock": asdict(clock)}
+        even = plan_clock(stamps, settings.sample_rate, settings.period_time, settings.resample, path.name)
+        return even.rate, {**plain, **part, "clock": asdict(even)}
     if rate is None:
         clock_rate = _common_rate(stamps, column.column if column else f"of '{next(iter(stamps))}'", path)
         rate = agreed_rate(settings.sample_rate, clock_rate, path.name)
@@ -142,14 +146,9 @@ def _stamps(table: RecordTable, plain: Plain, path: Path) -> Stamps:
 
 
 def _uniform_rate(
-    settings: RecordSettings, reader: ColumnReader, table: RecordTable, stamps: Stamps, path: Path
-) -> float | None:
-    """Return the sample rate [Hz] of a record without time stamps; None if it has some."""
-    if stamps:
-        return None
-    clock = 1 / table.sample_time if table.sample_time else None
-    if clock is None:
-        clock = find_clock(reader, table, path, settings.sample_rate)
+    settings: RecordSettings, reader: ColumnReader, table: RecordTable, clock: float | None, path: Path
+) -> float:
+    """Return the sample rate [Hz] of a record without time stamps, which its clock or the study states."""
     if settings.sample_rate and clock is None:
         check_stated_rate(settings.sample_rate, reader, path)
     if clock is None and settings.sample_rate is None:

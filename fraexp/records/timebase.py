@@ -100,7 +100,9 @@ def examine_stamps(time: NDArray[np.float64]) -> TimeStamps:
     digit, plain = _last_digit(seconds), np.arange(time.size)
     offset, period = _fit_line(plain, seconds)
     numbers = plain
-    if np.ptp(seconds - period * plain) > 2 * ROUNDING_DEVIATION * digit:  # otherwise rounding, and none is lost
+    # Rounding explains the rest without a loss; one single longer step it explains only by a rate that is not round.
+    is_one_longer = digit > 0 and round(float(seconds[-1]) / digit) == time.size
+    if is_one_longer or np.ptp(seconds - period * plain) > 2 * ROUNDING_DEVIATION * digit:
         numbers = _stamp_numbers(seconds)
         offset, period = _fit_line(numbers, seconds)
     return TimeStamps(period, (seconds - offset) / period - numbers, np.diff(numbers) - 1, digit)
@@ -311,10 +313,11 @@ def _median_change(values: NDArray[np.float64], at: int) -> float:
 
 
 def find_time_column(reader: ColumnReader, table: RecordTable, path: Path) -> Channel | None:
-    """Return an unused column that is evidently the time, though its steps may be uneven, or None."""
+    """Return an unused column that is the time by its name or its values, though its steps may be uneven, or None."""
     for column, factor in _time_columns(table):
         with suppress(ParameterError, RecordError):
-            _mean_rate(reader.read(path, [column]).columns[column] * factor)
+            if not TIME_NAMES.fullmatch(column.strip()):
+                _mean_rate(reader.read(path, [column]).columns[column] * factor)
             return Channel(column=column)
     return None
 

@@ -87,8 +87,11 @@ def test_stamps_that_rounding_or_jitter_explains_are_taken(
     assert rate_of(tmp_path, registry, "moves.csv", sample_rate=rate) == rate
 
 
-def test_the_remedy_for_lost_lines_is_to_read_the_time_and_resample(tmp_path: Path, registry: Registry) -> None:
-    write_stamps(tmp_path, np.delete(np.arange(9000) / 2000, [2000, 2001]))
-    with pytest.raises(RecordError, match=r"2 of 9000 samples are lost .* resample = \"cubic\""):
-        rate_of(tmp_path, registry, "moves.csv", time_column="time [s]")
-    assert rate_of(tmp_path, registry, "moves.csv", time_column="time [s]", resample="cubic") == pytest.approx(2000)
+def test_the_remedy_for_lost_lines_is_to_resample(tmp_path: Path, registry: Registry) -> None:
+    for rate, lines in ((2000, [2000, 2001]), (1000, [4000])):  # a digit of the stamps is half a step, or all of it
+        write_stamps(tmp_path, np.delete(np.arange(9000) / rate, lines))
+        lost = rf"after sample {lines[0]} .* {len(lines)} of 9000 samples are lost .* resample = \"cubic\""
+        for named in ({}, {"time_column": "time [s]"}):
+            with pytest.raises(RecordError, match=lost):
+                rate_of(tmp_path, registry, "moves.csv", **named)
+            assert rate_of(tmp_path, registry, "moves.csv", resample="cubic", **named) == pytest.approx(rate)
