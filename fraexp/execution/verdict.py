@@ -223,9 +223,11 @@ def _noise_share(response: FrequencyResponse) -> NDArray[np.float64]:
 def _too_wide(
     kind: str, frequency: NDArray[np.float64], where: NDArray[np.bool_], reach: BandReach, accuracy: Accuracy
 ) -> Finding:
-    worst = int(np.argmax(np.where(where, reach.magnitude, -1.0)))
+    worst = int(np.argmax(np.where(where, reach.over(accuracy.magnitude, accuracy.phase), -1.0)))
+    magnitude, phase, at = (float(each[worst]) for each in (*reach, frequency))
+    is_by_phase = phase / accuracy.phase > magnitude / accuracy.magnitude
     quantities = (
-        Quantity(float(reach.magnitude[worst]), "dB", "band", float(frequency[worst])),
+        Quantity(math.degrees(phase), "°", "band", at) if is_by_phase else Quantity(magnitude, "dB", "band", at),
         Quantity(accuracy.magnitude, "dB", "accuracy"),
         Quantity(math.degrees(accuracy.phase), "°"),
     )

@@ -74,14 +74,14 @@ def test_too_few_steps_are_said_where_they_matter(accuracy: float, kinds: list):
 
 @pytest.mark.parametrize(
     ("accuracy", "kinds"),
-    [({}, []), ({"magnitude": 1e-3}, ["band by noise"]), ({"phase": "0.005 deg"}, ["band by noise"])],
+    [({}, []), ({"magnitude": 1e-3}, [("band by noise", "dB")]), ({"phase": "0.005 deg"}, [("band by noise", "°")])],
 )
 def test_a_band_is_judged_by_the_accuracy_of_the_study(accuracy: dict, kinds: list):
     loop = {**EXPERIMENT["loop"], "noise": 2e-6, "seed": 3}
     excitation = {**SINE, "frequencies": [10.0], "recorded_periods": 8}
     experiment = {**EXPERIMENT, "loop": loop, "friction": ELEMENTS, "excitation": excitation, "accuracy": accuracy}
     (result,) = run_job(Job(experiment, ({"name": "conventional"},)), lambda _: None)
-    assert [found.kind for found in result.findings] == kinds
+    assert [(found.kind, found.quantities[0].unit) for found in result.findings] == kinds
     assert result.outcome is (Outcome.INACCURATE if kinds else Outcome.OK)
 
 
