@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from drawn_machines import TOLERANCE, DrawnMachine, drawn_machine
-from fraexp_plugins.estimators._shared.friction_band import DEAD_TIME_STD
 from friction_bands import within_limits
 from harness import Bench, run
 from numba import njit
@@ -44,7 +43,7 @@ HELD, OFF, ATTAINED = 0.93, 0.05, 0.9
 most; and of those that are ok, with a model that is known, where the encoder allows it."""
 WIDTH, TELLING_DB = 1.3, 3.0
 """Width of a band over that of the ideal posterior, at most; where the latter is no wider than this, either side."""
-PRIOR_STD, STEP, FINER, DRAWS = 0.1, 1e-3, 8, 16
+PRIOR_STD, DEAD_TIME_STD, STEP, FINER, DRAWS = 0.1, 12**-0.5, 1e-3, 8, 16
 """Of both scales of friction; their step for derivatives; points of a motion in each sample; motions that are drawn."""
 CERTAIN = {"force_std": 0.0, "displacement_std": 0.0, "dead_time_std": 0.0}
 WIDER = 3.29 / 1.96  # a band of 99.9 % over one of 95 %

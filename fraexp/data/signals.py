@@ -104,6 +104,11 @@ class Encoder(NamedTuple):
     resolution: float
     """Its quantisation step [m]."""
 
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of a position by both [m]."""
+        return float(np.hypot(self.noise, self.resolution / np.sqrt(12)))
+
 
 @dataclass(frozen=True)
 class Verification:

@@ -33,7 +33,6 @@ from fraexp_plugins.estimators._shared.contacts import (
 )
 from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT, ObserverEstimator, is_from_rest
 from fraexp_plugins.estimators._shared.friction_band import (
-    DEAD_TIME_STD,
     MIN_FACTOR,
     SCALES,
     UNSTATED,
@@ -56,7 +55,7 @@ from fraexp_plugins.estimators._shared.parameter_uncertainty import (
     covariance_root,
     moved_within_bounds,
 )
-from fraexp_plugins.estimators._shared.plant_above_modes import MAX_ERROR, PlantAboveModes, gain_above_modes
+from fraexp_plugins.estimators._shared.plant_above_modes import PlantAboveModes, gain_above_modes
 from fraexp_plugins.estimators._shared.possible_motions import draw_errors, likely_motions, with_possible_motions
 from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
 
@@ -312,7 +311,7 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=15):
         plant = PlantAboveModes.of_gain(guess, self.relative_degree)
         if self.law.state_size and self._encoder_matters(signals):
             plant, _ = likely_motions(self, signals.segments, plant)
-        is_known = plant.error(np.pi / min(segment.sample_time for segment in signals.segments)) < MAX_ERROR
+        is_known = plant.error(np.pi / min(segment.sample_time for segment in signals.segments)) < 1
         return hold_images(self, signals.segments, found.response, plant.limit) if is_known else images
 
     def _completed(self, signals: Signals, forces: ContactForces, found: Result, relative_degree: int) -> Result:
@@ -384,7 +383,8 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=15):
         """Return the standard deviation of the dead times together [s]."""
         if self.dead_time_std is not None or signals.are_stated or knows_delays(self, signals):
             return self.dead_time_std or 0.0
-        return DEAD_TIME_STD * max(segment.sample_time for segment in signals.segments)
+        # if nothing is stated it is known to a sample, and anywhere in it
+        return 12**-0.5 * max(segment.sample_time for segment in signals.segments)
 
     def _of_mean_periods(self, signals: Signals) -> tuple[Self, Signals, list[NDArray[np.complex128]] | None]:
         """Return signals of one period that noise no longer disturbs, their observer, and the phasors of the output.

@@ -31,9 +31,6 @@ MAX_KNOWN_ERROR = 0.5
 BEYOND_MARGIN = 10.0
 """Factor by which the response above the highest fundamental may exceed that at the highest fundamental: a mode with
 5 % damping. Half of it reports distortions that a mode there may have hidden."""
-INCREMENT_FACTORS = 6.0, 3.0
-"""Change of the response to a small harmonic by the distortion at ω, and that of H_1 by the one at kω: of u + αu³, see
-below. Half of them halves the stated error of what is removed, which is then too small."""
 
 
 class HigherOrderDescribingFunctions(PlantReferredEstimator, name="higher_order_describing_functions", version=5):
@@ -243,7 +240,7 @@ def _increment_error(
     """Return by how much the response to a small harmonic may differ from H_1, relative, shape of `multiples`."""
     order = np.argsort(frequency, kind="stable")
     there = np.interp(multiples, frequency[order], distortion[order])
-    return np.asarray(INCREMENT_FACTORS[0] * distortion[:, None] + INCREMENT_FACTORS[1] * there)
+    return np.asarray(6 * distortion[:, None] + 3 * there)  # of u + αu³
 
 
 def _inaccuracy(

@@ -29,8 +29,6 @@ and reversals by the injection still do. Half of it sees increments in twice the
 OVERLAP_VARIANCE = 1 + 2 * 3 / 35
 """Variance of a mean of half overlapping blocks over that of independent ones: sin⁴ and its neighbour correlate by 3/35
 (P. D. Welch, IEEE Trans. Audio and Electroacoustics 15(2), 1967, doi 10.1109/TAU.1967.1161901)."""
-MIN_INDEPENDENT = 2.0
-"""Least number of blocks that count as independent: fewer have no scatter, of half as many it is infinite."""
 
 
 class InjectionOnMotion(PlantReferredEstimator, name="injection_on_motion", version=5):
@@ -229,7 +227,7 @@ def with_variance_factor(
     So many fewer blocks are independent: their scatter about their own mean tells less, and has fewer degrees of
     freedom.
     """
-    independent = np.maximum(blocks / factor, MIN_INDEPENDENT)
+    independent = np.maximum(blocks / factor, 2.0)  # fewer have no scatter
     larger = factor * (1 - 1 / blocks) / (1 - 1 / independent)
     return replace(response, covariance=response.covariance * larger[:, None, None], freedom=2 * (independent - 1))
 

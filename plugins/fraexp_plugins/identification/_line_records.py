@@ -19,7 +19,7 @@ from fraexp.api import (
     significant_deviation,
 )
 from fraexp_plugins.estimators._shared.delayed_estimator import LoopDelays
-from fraexp_plugins.estimators._shared.effective_input_observer import CACHE_BYTES
+from fraexp_plugins.estimators._shared.effective_input_observer import CACHE_BYTES, RUNS_AT_ONCE
 from fraexp_plugins.estimators._shared.realisations import mean
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification._law_forces import LawForces
@@ -40,8 +40,6 @@ PRIOR_FORCE_RATIO = 0.3
 FREE_BODY_RANGE, FREE_BODY_TERMS = 3.05, 4
 """Frequencies over the lowest one up to which an axis may be a free body (the third harmonic of the lowest one too),
 and terms of the power series of 1/P there."""
-COLUMNS_AT_ONCE = 16
-"""Columns whose forces are in memory."""
 
 
 class LinearProblem(NamedTuple):
@@ -218,7 +216,7 @@ class LineRecords:
     def _drive(self, law: LawForces) -> NDArray[np.complex128]:
         found = np.zeros((*self.thrust.shape, law.is_coulomb.size), dtype=complex)
         columns, begin = law.forces(self.motions), 0
-        while part := list(islice(columns, COLUMNS_AT_ONCE)):
+        while part := list(islice(columns, RUNS_AT_ONCE)):
             for place, (rows, record) in self.places():
                 sums = fourier_sums(np.stack([column[place] for column in part]), self.signals.segments[place].lines)
                 found[rows, record, begin : begin + len(part)] = (sums * self.force_factor[rows]).T
@@ -361,7 +359,7 @@ def periodic_motion(observer: EffectiveInput, segment: Segment) -> Motion:
     motion = quieter.motion(replace(segment, channels={observer.output: y[None]}))
     ramp = segment.channels.get(DRIFT, np.zeros((1, 1)))
     drift = float(ramp[-1, -1] - ramp[0, 0]) / len(ramp)
-    spread = np.hypot(observer.noise, observer.resolution / np.sqrt(12)) * np.sqrt(2 / segment.samples)
+    spread = observer.encoder.deviation * np.sqrt(2 / segment.samples)
     if abs(drift) <= significant_deviation() * spread:
         return motion
     y, size = motion.displacement, motion.displacement.size

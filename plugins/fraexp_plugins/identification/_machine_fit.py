@@ -91,11 +91,6 @@ def _moved(linear: LinearisedFit, changes: Sequence[NDArray[np.float64]]) -> lis
     return [a._replace(residual=a.residual + b) for a, b in zip(linear.records, changes, strict=True)]
 
 
-MIN_INDEPENDENCE = 1e-3
-"""Least eigenvalue of the information of parameters in units of what each tells alone, below which they act alike, as
-their derivatives are right to about as much."""
-
-
 @dataclass(frozen=True)
 class Fitted:
     """A fit, the state of greatest likelihood, and the records around it."""
@@ -213,7 +208,8 @@ def along_directions(found: Fitted) -> Fitted:
     covariance = found.covariances[0][: found.state.shared.size, : found.state.shared.size]
     information = np.linalg.inv(covariance)
     scale = np.sqrt(np.diag(information))
-    if np.linalg.eigvalsh(information / np.outer(scale, scale))[0] > MIN_INDEPENDENCE:
+    # in units of what each tells alone: the derivatives are right to about as much
+    if np.linalg.eigvalsh(information / np.outer(scale, scale))[0] > COARSE_DIFFERENCE:
         return found
     squares, directions = np.linalg.eigh(covariance)
     sizes = np.clip(np.sqrt(np.maximum(squares, 0)), COARSE_DIFFERENCE, SMALL_STEP)
@@ -353,9 +349,6 @@ def _converged(problem: MachineProblem, fit: RecordFit, shared: NDArray[np.float
     return Fitted(joint, *joint.converge(state, gives_up=gives_up))
 
 
-MIN_DITHER_RATIO = 0.5
-"""Noise over the encoder's steps from which rounding is white: with half of it the mean error of rounding is 3 % of the
-variance, and a slow motion looks coloured."""
 RESIDUAL_RATIO = "residual over expectation"
 
 
@@ -430,7 +423,7 @@ class FitReport:
         Without noise they need not be: rounding of a slow motion is not white.
         """
         fit = self.found.fit
-        has_dither = fit.noise > 0 and fit.noise >= MIN_DITHER_RATIO * fit.resolution
+        has_dither = fit.noise > 0 and fit.noise >= fit.resolution / 2  # rounding errors are white from here on
         chances = [whiteness(each.residual, 1) for each in self.found.linear.records] if has_dither else [1.0]
         if not np.nanmedian(chances) < SIGNIFICANCE:
             return None

@@ -237,7 +237,7 @@ class MachineProblem:
     def _step_tolerance(self) -> float:
         """Relative error of the motion that the steps of a replay may cause: that of a right model, if it is small."""
         motion = max(float(np.ptp(each.channels[self.observer.output])) for each in self.signals.segments) / 2
-        error = np.hypot(self.observer.noise, self.observer.resolution / np.sqrt(12)) / motion
+        error = self.observer.encoder.deviation / motion
         return float(np.clip(MODEL_ERROR * error, REPLAY_ERROR, TOLERANCE_RATIO * REPLAY_ERROR))
 
     def leave_out(self, name: str) -> "MachineProblem":

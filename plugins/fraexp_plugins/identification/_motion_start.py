@@ -87,9 +87,8 @@ class MotionRecords:
         counts = [segment.lines.size for segment in self._segments]
         amplitudes = [np.sqrt(2 * np.mean(segment.channels[bare.input] ** 2)) for segment in self._segments]
         self._force_floor = FORCE_FLOOR * np.repeat(amplitudes, counts)
-        spread = np.hypot(bare.noise, bare.resolution / np.sqrt(12))
         sizes = np.array([segment.channels[bare.output].size for segment in self._segments])
-        self._output_error = np.repeat(spread * np.sqrt(2 / sizes), counts)
+        self._output_error = np.repeat(bare.encoder.deviation * np.sqrt(2 / sizes), counts)
 
     @classmethod
     def of(cls, problem: MachineProblem) -> "MotionRecords":

@@ -58,10 +58,9 @@ START_VELOCITY_RATIOS, TRIAL_STEPS = (0.3, 1.0, 3.0), 20
 only the best search goes on."""
 MAX_THRESHOLD_RATIO = 0.35
 """Largest threshold over the stroke: an element that hardly slips is a slow rise of the force with any cause."""
-GRID_SIZE, MIN_THRESHOLD_STEPS, MAX_THRESHOLD_SPAN, MAX_SEARCH_SPAN = 100, 0.5, 300.0, 1e5
-"""Thresholds of the grid, the smallest in quantisation steps (below one step an element acts as Coulomb friction), and
-the ratio of the largest to the smallest, and that while the end of the virgin curve is searched: a drive's stroke is
-thousands of times its presliding deflection."""
+GRID_SIZE, MAX_THRESHOLD_SPAN, MAX_SEARCH_SPAN = 100, 300.0, 1e5
+"""Thresholds of the grid, the ratio of the largest to the smallest, and that while the end of the virgin curve is
+searched: a drive's stroke is thousands of times its presliding deflection."""
 MIN_REVERSALS = 3
 """Reversals from which friction is separated from other forces."""
 
@@ -341,7 +340,8 @@ class FrictionIdentification(Estimator, name="friction_identification", version=
             resolution = self.resolution or quantisation_step(records)
             stroke = max(float(np.ptp(record.displacement)) for record in records)
             widest = max_threshold or MAX_THRESHOLD_RATIO * stroke
-            narrowest = min(max(MIN_THRESHOLD_STEPS * resolution, widest / span), widest / 2)
+            # an element within the rounding error acts as Coulomb friction
+            narrowest = min(max(resolution / 2, widest / span), widest / 2)
             thresholds = np.geomspace(narrowest, widest, GRID_SIZE)
         widest = float(thresholds.max())
         known = tuple(np.arange(record.displacement.size) >= record.first_known_sample(widest) for record in records)

@@ -33,6 +33,9 @@ EFFECTIVE_INPUT = "u_e"
 """Name of the channel û_e."""
 CACHE_BYTES = 1 << 26
 """Memory of all that is cached of one kind, 64 MiB: half of it computes the shifts of long records again."""
+RUNS_AT_ONCE = 16
+"""Motions, or columns of a law, that are run side by side: they fill the lanes, in some 50 MB. Half of them leave lanes
+empty."""
 LEAST_POINTS, MOST_POINTS = 4, 64
 """Least and greatest number of points per sample that is chosen."""
 TOLERANCE_RATIO = 10.0

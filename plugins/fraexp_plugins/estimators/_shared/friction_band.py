@@ -35,9 +35,6 @@ SCALES = ("force_scale", "displacement_scale")
 PRIOR_STD = 0.1
 """Relative standard deviation of force and deflections of a friction model about which nothing is stated: the size that
 the paper varies (Figs 12, 14 and 15) and calls unavoidable in practice."""
-DEAD_TIME_STD = 12**-0.5
-"""Standard deviation of a dead time of which nothing is stated, in samples: it is known to a sample, and anywhere in
-it."""
 UNSTATED = "if it is not given 0.1, and 0 where the model is the simulated machine's own"
 MIN_FACTOR = 0.1
 """Factor of a scale by its error, at least."""

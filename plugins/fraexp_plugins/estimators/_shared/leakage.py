@@ -19,7 +19,7 @@ from fraexp_plugins.estimators._shared.realisations import Group, Part, circular
 DIFFERENCE_VARIANCE = 0.73
 """E|D|² by noise alone over the variance of Ĝ(T): Monte-Carlo, Hann windows with 50 % overlap. Half of it takes noise
 for leakage."""
-NEIGHBOURS = 3
+NEIGHBOURS = 2 * LINE_HALF_WIDTH - 1
 """Lines whose differences are averaged: a Hann window spreads a line over so many. They are correlated, so that each is
 one degree of freedom. One line alone raises false alarms in 6 % of sound records instead of 1 %."""
 

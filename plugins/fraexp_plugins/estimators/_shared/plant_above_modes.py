@@ -19,9 +19,6 @@ BANDWIDTH = 0.3
 half of it, and with twice as much, the harmonics do not tell a dead time."""
 MIN_CLEAR_HARMONICS = 8
 """Number of harmonics within the bandwidth, which stand out of the noise, from which the plant is known."""
-MAX_ERROR = 1.0
-"""Relative error from which a plant is unknown, even by its sign. With half of it fewer terms are predicted; the power
-of their neighbours, which takes the place of a prediction, is no better near a mode, and misses in one direction."""
 
 
 class Harmonics(NamedTuple):
@@ -85,7 +82,7 @@ class PlantAboveModes(NamedTuple):
         """Return what a friction force [N] makes likely of the motion, shape (n,), at ω [rad/s]."""
         likely, error = LikelyTerms.unknown(omega.size), self.error(omega)
         is_guess = not self.omega[-1]
-        known = (force != 0) & (error < MAX_ERROR) & (not is_guess)
+        known = (force != 0) & (error < 1) & (not is_guess)  # else not even its sign is known
         likely.mean[known] = -force[known] * self.response(omega[known])
         likely.deviation[known] = error[known] * np.abs(likely.mean[known])
         return likely
@@ -114,7 +111,7 @@ def fit_above_modes(parts: Sequence[Harmonics], guess: PlantAboveModes) -> Plant
         for middle, near in zip(grid, map(slice, begins, ends), strict=True)
     ]
     gain, error = map(np.array, zip(*fits, strict=True))
-    gain = np.where(error < MAX_ERROR, gain, guess.gain[-1])
+    gain = np.where(error < 1, gain, guess.gain[-1])
     return PlantAboveModes(np.exp(grid), gain, error, guess.relative_degree)
 
 

@@ -23,7 +23,7 @@ from fraexp.api import (
     phasors,
 )
 from fraexp_plugins.estimators._shared.contacts import ContactForces, ContactFriction
-from fraexp_plugins.estimators._shared.effective_input_observer import ObserverEstimator
+from fraexp_plugins.estimators._shared.effective_input_observer import RUNS_AT_ONCE, ObserverEstimator
 from fraexp_plugins.estimators._shared.friction_posterior import ForceErrors, MotionErrors, harmonic_lines
 from fraexp_plugins.estimators._shared.measured_motion import MeasuredMotion
 from fraexp_plugins.estimators._shared.plant_above_modes import Harmonics, PlantAboveModes, fit_above_modes
@@ -34,8 +34,6 @@ MAX_POINTS = 1024
 """Points of a period at which a friction model is driven along drawn motions: most of their own errors cancel."""
 FINER = 8
 """Factor by which the motion that the observer took is interpolated more finely."""
-SEGMENTS_AT_ONCE = 16
-"""Segments whose motions are run side by side: they fill the lanes, in some 50 MB. Half of them leave lanes empty."""
 
 
 def likely_motions(
@@ -104,8 +102,8 @@ def draw_errors(forces: ContactForces, output: str, known: Sequence[MeasuredMoti
     deviation. The motions of the output may be known already. Those of several segments are run side by side.
     """
     everything = range(len(forces.signals.segments))
-    for begin in everything[::SEGMENTS_AT_ONCE]:
-        numbers = everything[begin : begin + SEGMENTS_AT_ONCE]
+    for begin in everything[::RUNS_AT_ONCE]:
+        numbers = everything[begin : begin + RUNS_AT_ONCE]
         drawn = [_drawn_motion(forces, number, output, known[number] if known else None) for number in numbers]
         thrusts = [_force_errors(contact, numbers, drawn) for contact in forces.contacts]
         for each, *force in zip(drawn, *thrusts, strict=True):

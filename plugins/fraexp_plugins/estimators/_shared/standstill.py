@@ -24,9 +24,6 @@ MIN_HIDDEN_SHARE = 0.05
 """Share of the friction force, from which it counts as hidden, that a motion too small to be seen can change."""
 PROBE_M, SLOW_STEP_S = 1e-3, 1e3
 """A slow motion on which friction reaches its greatest force: length [m], and duration of a step [s]."""
-UNSAMPLED_SHARE = 1 / 3
-"""Sum of the harmonics beyond the Nyquist frequency over that of the octave below: they fall with their third power,
-because acceleration jumps where a machine sticks or breaks away."""
 
 
 class HiddenForce(NamedTuple):
@@ -154,7 +151,9 @@ def _unsampled_motion(observer: ObserverEstimator, segment: Segment) -> float:
     bins[segment.lines[segment.lines * periods < bins.size] * periods] = 0.0
     scatter = 2 * np.sqrt((observer.noise**2 + observer.resolution**2 / 12 * periods) / size)
     octave = bins[bins.size // 2 :]
-    return float(UNSAMPLED_SHARE * octave[octave > significant_deviation() * scatter].sum())
+    # acceleration jumps where a machine sticks or breaks away: harmonics fall with their third power, and those beyond
+    # the octave add up to 1/(2² - 1) of it
+    return float(1 / 3 * octave[octave > significant_deviation() * scatter].sum())
 
 
 def _standing(y: NDArray[np.float64], tolerance: float) -> NDArray[np.bool_]:
