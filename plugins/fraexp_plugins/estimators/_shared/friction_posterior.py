@@ -47,7 +47,7 @@ STEP_PARTS = (1.0, 0.5, 0.25, 0.1)
 STARTS = 12
 """Errors drawn from the prior, at the most probable of which the search begins: it is not unimodal."""
 MAX_STEPS, SMALL_STEP = 4, 0.01
-"""Steps with one tolerance, and the last one's size in prior standard deviations."""
+"""Steps with one error of the law, and the size of one that is not worth the way, in posterior standard deviations."""
 
 MAX_FREQUENCY_RATIO = 1.5
 """Ratio of two neighbouring frequencies, at most, between which the plant is interpolated: more may hide a mode."""
@@ -208,11 +208,13 @@ def _most_probable(
     for _ in range(MAX_STEPS if errors.size else 0):
         gradient, curvature = harmonics.slopes(found)
         step = -np.linalg.solve(curvature, gradient)
+        if -gradient @ step < SMALL_STEP**2:
+            break
         tried = (harmonics.look(found.errors + part * step, law_error, known) for part in STEP_PARTS)
         following = next((look for look in tried if look.cost < found.cost), None)
-        found = following or found
-        if following is None or np.abs(step).max() < SMALL_STEP:
+        if following is None:
             break
+        found = following
     return found
 
 
