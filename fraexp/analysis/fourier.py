@@ -91,19 +91,14 @@ def _wave_table(lines: bytes, samples: int) -> NDArray[np.float64]:
     return (2 / samples) * np.exp(-2j * np.pi * turns).view(float)
 
 
-def periodic_spectrum(segment: Segment, input_channel: str, output_channel: str) -> PeriodicSpectrum:
-    """Return mean phasors of two channels of a segment and their (co)variances from the scatter of its periods.
+def mean_spectrum(
+    frequency: NDArray[np.float64], u: NDArray[np.complex128], y: NDArray[np.complex128]
+) -> PeriodicSpectrum:
+    """Return means of phasors of input and output, (periods, lines) each, and (co)variances from their scatter.
 
     The variance of a mean over P periods is Σ|x_p - x̄|²/(P(P-1)): Pintelon and Schoukens, System Identification:
     A Frequency Domain Approach, 2nd ed. 2012, section 2.4, doi:10.1002/9781118287422.
     """
-    return mean_spectrum(segment.frequency, phasors(segment, input_channel), phasors(segment, output_channel))
-
-
-def mean_spectrum(
-    frequency: NDArray[np.float64], u: NDArray[np.complex128], y: NDArray[np.complex128]
-) -> PeriodicSpectrum:
-    """Return the means over periods of the phasors of input and output, each of shape (periods, lines)."""
     du, dy = u - _mean(u), y - _mean(y)
     return PeriodicSpectrum(
         frequency=frequency,

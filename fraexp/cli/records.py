@@ -133,7 +133,8 @@ def identify(arguments: Namespace) -> ExitCode:
                 say(f"run {of.ended.run}: no figure was drawn: {' '.join(of.ended.note.split())}")
         shown = [f"fraexp show {short_key(sweep.key)}" for sweep, _ in sweeps]
         say(f"next: {', '.join([*shown, f'fraexp plot {found[0].ended.run} -o FILE.pdf'])}")
-    return ExitCode.INCOMPLETE if failures else ExitCode.OK
+    has_plant = any(fit.kind == "plant" for of in found for each in of.results.values() for fit in each.fits)
+    return ExitCode.OK if not failures and (has_plant or not look.frequencies) else ExitCode.INCOMPLETE
 
 
 def _by_case(finished: FinishedRun) -> dict[str, Result]:

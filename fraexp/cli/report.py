@@ -39,7 +39,7 @@ def _run_numbers(store: Store, identifier: str) -> list[int]:
     if number is not None:
         return [store.run(number).number]
     inside = f"{identifier.rstrip('/')}/"
-    studies = [run for run in reversed(store.runs()) if run.study_file.endswith(".toml") and run.has_results]
+    studies = [run for run in reversed(store.runs()) if run.study_file.endswith(".toml") and run.computed + run.reused]
     newest = {run.study: run.number for run in studies if run.study.startswith(inside)}
     if not newest:
         raise FraexpError(f"report: no run of '{identifier}' has results; fraexp list shows runs and studies")

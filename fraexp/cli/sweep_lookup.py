@@ -33,7 +33,7 @@ def find_run_number(store: Store, identifier: str) -> int | None:
 def _numbers_of_study(store: Store, name: str) -> list[int]:
     """Return the runs of a study from the newest to the newest with results; to no other if none has results."""
     runs = [run for run in store.runs() if run.study == name]
-    taken = next((place for place, run in enumerate(runs) if run.has_results), 0)
+    taken = next((place for place, run in enumerate(runs) if run.computed + run.reused), 0)
     return [run.number for run in runs[: taken + 1]]
 
 

@@ -101,11 +101,6 @@ class RunSummary:
         return "process lost" if self.ended is None else "stopped"
 
     @property
-    def has_results(self) -> bool:
-        """Whether any of its sweeps has a result; one whose process was lost at its start has none."""
-        return self.computed + self.reused > 0
-
-    @property
     def is_unusable(self) -> bool:
         """Whether it has ended without a usable result."""
         return self.state in ("complete", "partial") and 0 < self.total == self.failed + self.unusable

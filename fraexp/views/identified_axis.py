@@ -1,6 +1,7 @@
 """What the records of one machine tell: questions with their answers, each with its evidence."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,7 @@ def answers(
         "plant",
         _plant_text(fits["plant"], result.response.unit if result.response else "")
         if "plant" in fits
-        else "none was found: see what is open",
+        else f"none was found: {_contradiction(results) or 'see what is open'}",
     )
     for curve in result.curves:
         if curve.name in EXTREMUM_CURVES and curve.columns["frequency"].size:
@@ -58,6 +59,23 @@ def gains(tuned: Result) -> Iterator[tuple[str, str]]:
             values = (f"{name} {value} {unit}".rstrip() for name, value, _, unit in fit_rows(fit))
             yield "gains", ", ".join(values)
             yield "margins", ", ".join(f"{name} {_metric_text(tuned, name)}" for name in MARGINS)
+
+
+def _contradiction(results: Mapping[str, Result]) -> str:
+    """Return how two files differ where friction matters least, if the result of all says misfit; else nothing."""
+    *each, (_, joint) = results.items() or [("", Result(Outcome.ERROR))]
+    if "misfit" not in {finding.kind for finding in joint.findings}:
+        return ""
+    shown = [(name, found.response) for name, found in each if found.response is not None]
+    least: list[tuple[complex, str]] = []
+    for (one, first), (other, second) in combinations(shown, 2):
+        frequency, *places = np.intersect1d(first.frequency, second.frequency, return_indices=True)
+        for highest, a, b in list(zip(frequency, *places, strict=True))[-1:]:
+            change = np.log(second.response[b] / first.response[a])
+            least.append((change, f"{one} and {other} contradict each other, at {highest:.4g} Hz by"))
+    size, text = max(least, key=lambda found: abs(found[0]), default=(0j, ""))
+    level, angle = 20 / np.log(10) * size.real, np.degrees(size.imag)
+    return f"{text} {level:.3g} dB and {angle:.3g}°; correct unit, gain or sign of a column" if text else ""
 
 
 def _records_text(files: Sequence[Path], look: RecordLook) -> str:

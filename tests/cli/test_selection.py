@@ -32,9 +32,7 @@ def test_digits_that_no_run_has_are_how_a_key_begins(digits: str, capsys: pytest
     assert "bench" in capsys.readouterr().out
 
 
-def test_digits_that_nothing_has_are_a_run_if_few_and_a_key_if_many(
-    digits: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_digits_that_nothing_has_are_a_run_or_a_key(digits: str, capsys: pytest.CaptureFixture[str]) -> None:
     for given, sentence in (
         ("77", "is no run 77"),
         ("99999999", "key starts with '9999"),

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fraexp.analysis.fourier import PeriodicSpectrum, periodic_spectrum, response_covariance
+from fraexp.analysis.fourier import PeriodicSpectrum, mean_spectrum, phasors, response_covariance
 from fraexp.components.registry import Registry
 from fraexp.data.signals import Segment
 from fraexp.records import RecordSettings, load, resolve
@@ -38,7 +38,7 @@ def test_a_phasor_is_the_amplitude_and_phase_of_its_line() -> None:
     time = np.arange(100)
     wave = 3 * np.cos(2 * np.pi * 7 * time / 100 + 0.4)
     segment = Segment(1e-3, {"u": np.tile(wave, (2, 1)), "y": np.tile(-2 * wave, (2, 1))}, np.array([7]))
-    spectrum = periodic_spectrum(segment, "u", "y")
+    spectrum = mean_spectrum(segment.frequency, phasors(segment, "u"), phasors(segment, "y"))
     assert spectrum.frequency == pytest.approx([70.0])
     np.testing.assert_allclose(spectrum.input, [3 * np.exp(0.4j)], rtol=1e-13)
     np.testing.assert_allclose(spectrum.output / spectrum.input, [-2], rtol=1e-13)
@@ -58,7 +58,7 @@ def test_the_published_standard_deviation_is_the_scatter_of_the_response(bench: 
     for run in range(runs):
         rest = slice(run * periods, (run + 1) * periods)
         part = Segment(1 / bench.rate, {"u": u[rest], "y": y[rest]}, np.array(bench.lines))
-        spectrum = periodic_spectrum(part, "u", "y")
+        spectrum = mean_spectrum(part.frequency, phasors(part, "u"), phasors(part, "y"))
         truth = bench.response(spectrum.frequency)
         errors.append(spectrum.output / spectrum.input - truth)
         variances.append(covariance_of(spectrum))
@@ -87,7 +87,7 @@ REFERENCE = {"theta_x": (1, 2, 3), "theta_y": (4, 5, 6)}
 def test_the_bench_gives_the_reference_response(motor: Segment, output: str) -> None:
     reference = np.loadtxt(BENCH / "reference_frf.csv", delimiter=",", skiprows=1)
     real, imag, _ = REFERENCE[output]
-    spectrum = periodic_spectrum(motor, "iq", output)
+    spectrum = mean_spectrum(motor.frequency, phasors(motor, "iq"), phasors(motor, output))
     np.testing.assert_allclose(spectrum.frequency, reference[:, 0], rtol=1e-12)
     np.testing.assert_allclose(
         spectrum.output / spectrum.input, reference[:, real] + 1j * reference[:, imag], rtol=1e-9
@@ -102,7 +102,7 @@ def test_the_bench_gives_the_reference_standard_deviation_but_for_its_conjugate(
     up to 18 % at the resonance, where the loop makes the two noises alike.
     """
     reference = np.loadtxt(BENCH / "reference_frf.csv", delimiter=",", skiprows=1)[:, REFERENCE[output][2]]
-    s = periodic_spectrum(motor, "iq", output)
+    s = mean_spectrum(motor.frequency, phasors(motor, "iq"), phasors(motor, output))
     conjugated = np.abs(s.output / s.input) * np.sqrt(
         s.output_variance / np.abs(s.output) ** 2
         + s.input_variance / np.abs(s.input) ** 2

@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 import fraexp
+from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import main
 from fraexp.records.first_look import JOINT, PLANT, choose, look_at, with_channels
 from fraexp.records.study_writer import ImportRequest
@@ -111,6 +113,17 @@ def test_one_amplitude_does_not_tell_friction(records: Path, tmp_path: Path) -> 
     again = fraexp.Workspace(tmp_path).identify(records / "high.csv", progress=False, skip_periods=1)
     assert (found.run.study, again.run.study) == ("high", "high-2")
     assert [of.labels["case"] for of in found.run] == ["response"] + ["modal_fit"] * (len(found.run) - 1)
+
+
+def test_files_of_opposite_signs_are_named_and_identify_fails(
+    records: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    values = np.loadtxt(records / "high-all.csv", delimiter=",", skiprows=1) * [1, 1, -1]
+    np.savetxt(tmp_path / "turned.csv", values, "%.9g", ",", header="time [s],force [N],position [um]", comments="")
+    files = f"{records}/low-all.csv", f"{tmp_path}/turned.csv"
+    assert main(["identify", *files, "--json", f"--workspace={tmp_path}"]) == ExitCode.INCOMPLETE
+    plant = dict(json.loads(capsys.readouterr().out)["answers"])["plant"]
+    assert re.search(r"low-all.csv and turned.csv contradict each other, at .* Hz by .* dB and -?1[5-8]\d°", plant)
 
 
 @pytest.mark.thorough
