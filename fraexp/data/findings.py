@@ -65,10 +65,15 @@ KINDS: Mapping[str, Kind] = {
     ),
     "band by friction": Kind(
         "the band is too wide by the friction model, or the delays",
-        "nothing tells how good the friction model is, or harmonics of the motion contradict it or a dead time",
-        "raise the amplitude, measure frequencies at most 1.5 times apart, whose harmonics tell how wrong the model "
-        "is, or identify friction and state how well it and the delays are known (deviations, force_std, "
-        "displacement_std, dead_time_std)",
+        "friction model or delays are known too little, or harmonics of the motion contradict them",
+        "raise the amplitude, or identify friction and state how well it and the delays are known (deviations, "
+        "force_std, displacement_std, dead_time_std)",
+    ),
+    "no harmonics": Kind(
+        "no harmonic of a sine tells how wrong the friction model or a delay is",
+        "a record of sines tells it where their harmonics lie between two frequencies at most 1.5 times apart",
+        "measure sines at frequencies at most 1.5 times apart, raise the amplitude, or identify friction and state how "
+        "well it and the delays are known (deviations, force_std, displacement_std, dead_time_std)",
     ),
     "band by noise": Kind(
         "the band is too wide by noise and rounding",

@@ -141,6 +141,7 @@ def spread_error(
 
 CAUSES = {
     "hidden by standstill": "band by friction",
+    "no harmonics": "band by friction",
     "leakage": "band by noise",
     "still settling": "band by noise",
     "steady motion": "band by noise",
@@ -183,12 +184,12 @@ def _judge_band(
             if not at.any():
                 continue
             blamed[CAUSES[finding.kind]] &= ~at
-            kept.append(replace(finding, frequencies=tuple(map(float, frequency[at]))))
+            kept.append(_too_wide(finding, frequency, at, whole, accuracy))
         else:
             kept.append(finding)
     said = {finding.kind for finding in kept}
     found = (
-        _too_wide(kind, frequency, where, whole, accuracy)
+        _too_wide(Finding(kind), frequency, where, whole, accuracy)
         for kind, where in blamed.items()
         if where.any() and kind not in said
     )
@@ -221,14 +222,16 @@ def _noise_share(response: FrequencyResponse) -> NDArray[np.float64]:
 
 
 def _too_wide(
-    kind: str, frequency: NDArray[np.float64], where: NDArray[np.bool_], reach: BandReach, accuracy: Accuracy
+    finding: Finding, frequency: NDArray[np.float64], where: NDArray[np.bool_], reach: BandReach, accuracy: Accuracy
 ) -> Finding:
+    """Return a finding at the frequencies that it blames; one that has no quantities says how far the band reaches."""
     worst = int(np.argmax(np.where(where, reach.over(accuracy.magnitude, accuracy.phase), -1.0)))
-    magnitude, phase, at = (float(each[worst]) for each in (*reach, frequency))
+    magnitude, phase, place = (float(each[worst]) for each in (*reach, frequency))
     is_by_phase = phase / accuracy.phase > magnitude / accuracy.magnitude
     quantities = (
-        Quantity(math.degrees(phase), "°", "band", at) if is_by_phase else Quantity(magnitude, "dB", "band", at),
+        Quantity(math.degrees(phase), "°", "band", place) if is_by_phase else Quantity(magnitude, "dB", "band", place),
         Quantity(accuracy.magnitude, "dB", "accuracy"),
         Quantity(math.degrees(accuracy.phase), "°"),
     )
-    return Finding(kind, quantities, tuple(map(float, frequency[where])), where.size)
+    at = tuple(map(float, frequency[where]))
+    return replace(finding, quantities=finding.quantities or quantities, frequencies=at, examined=where.size)

@@ -165,9 +165,12 @@ def with_model_errors(
             ] * np.eye(2)
     if not corrects:
         covariance, change = covariance + outer_parts(change), 0 * change
+    untold = None
+    if errors.size and not posterior.examined:
+        untold = Finding("no harmonics", frequencies=tuple(found.response.frequency.tolist()))
     metrics = (*found.metrics, *errors.metrics(posterior))
     found = replace(found, response=with_inverse(found.response, change, covariance), metrics=metrics)
-    return found.with_findings(errors.contradiction(posterior), is_doubt=True)
+    return found.with_findings(untold).with_findings(errors.contradiction(posterior), is_doubt=True)
 
 
 def inverse_response(result: Result) -> NDArray[np.complex128]:

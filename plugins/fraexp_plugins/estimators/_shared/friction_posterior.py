@@ -73,6 +73,8 @@ class FrictionPosterior(NamedTuple):
     """Most probable error of the law itself, over the friction force: what such errors do not explain."""
     harmonics: int = 0
     """Number of harmonics from which this follows; 0 if the prior stands."""
+    examined: int = 0
+    """Number of harmonics between frequencies that are close enough for them to tell anything."""
 
     @classmethod
     def prior(cls, count: int) -> "FrictionPosterior":
@@ -189,7 +191,8 @@ def friction_posterior(
     known = harmonics.known(errors)
     looks = (harmonics.look(errors, each, known) for each in reversed(LAW_ERRORS))  # the least one where all are alike
     found = min(looks, key=lambda look: look.cost)
-    return _posterior(harmonics, _most_probable(harmonics, errors, found.law_error, known))
+    posterior = _posterior(harmonics, _most_probable(harmonics, errors, found.law_error, known))
+    return posterior._replace(examined=int(harmonics.close.sum()))
 
 
 def _nearest_start(harmonics: "_Harmonics", count: int) -> NDArray[np.float64]:
