@@ -37,12 +37,11 @@ from fraexp_plugins.identification._law_forces import (
 from fraexp_plugins.identification._law_report import ACCEPTABLE, ELEMENT_RANGE, LawChoice, LawFit
 from fraexp_plugins.identification._least_squares import HeldSum, inverse_square, minimise, solve_non_negative
 from fraexp_plugins.identification._line_records import LawSolution, LineRecords, some_frequencies
-from fraexp_plugins.identification._machine_problem import MAX_LOG
 
 SHAPE_STEP = 0.1
 """Scale of a step of a logarithm."""
-MAX_DEAD_TIME = 8.0
-"""Largest dead time [samples]."""
+MAX_SHIFT, MAX_DEAD_TIME = 7.0, 8.0
+"""Distance of a logarithm from its start at most, and the largest dead time [samples]."""
 
 
 class LawSearch:
@@ -109,7 +108,7 @@ class LawSearch:
             values[is_free] = free
             return values
 
-        low, high = start - MAX_LOG, start + MAX_LOG
+        low, high = start - MAX_SHIFT, start + MAX_SHIFT
         low[0], high[0] = -1e-9, MAX_DEAD_TIME
         found, _ = minimise(
             lambda free: self.solve(complete(free)).residual,

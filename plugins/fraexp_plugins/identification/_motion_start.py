@@ -192,6 +192,9 @@ RANGE, POINTS = 3.0, 15
 before, while a search finds its minimum from twice as far."""
 ORDERS = (2, 4, 6)
 """Degrees of numerator and denominator: two for each mode."""
+ORDER_COST = 0.1
+"""Mean logarithm of the error by which two more degrees must be better: as much as by eight numbers that fit chance in
+forty lines."""
 ITERATIONS = 4
 """Times that the linear fit is repeated with the denominator of the one before as its weight. With two the error near
 modes still falls."""
@@ -244,15 +247,10 @@ class ScaleSearch:
         return np.asarray(point)
 
     def costs(self, logs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the mean logarithm of the error of a rational function, for logarithms of both scales, (n, 2).
-
-        The degree is that of the least Bayesian information criterion, here over four times the lines: each line is two
-        numbers, and a degree adds two parameters.
-        """
+        """Return the mean logarithm of the error of a rational function, for logarithms of both scales, (n, 2)."""
         effective = self.linear - np.exp(logs[:, :1]) * self.force_over_scale(logs[:, 1])
         fits = [_rational_errors(self.frequency, self.output, effective, np.abs(self.linear), n) for n in ORDERS]
-        price = np.log(2 * self.frequency.size) / (2 * self.frequency.size)
-        return np.asarray(np.min([cost + price * n for cost, n in zip(fits, ORDERS, strict=True)], axis=0))
+        return np.asarray(np.min([cost + ORDER_COST * n / 2 for cost, n in zip(fits, ORDERS, strict=True)], axis=0))
 
 
 def spread_records(signals: Signals) -> Signals:
@@ -305,9 +303,14 @@ def _least_squares(columns: NDArray[np.complex128]) -> NDArray[np.float64]:
     return np.asarray(np.linalg.solve(matrix, triangle[:, :-1, -1:]), dtype=float)[..., 0]
 
 
+FORCE_RATIO, FORCE_RANGE = 0.55, 5.5
+"""Coulomb force over the largest control input that is tried first, and the largest factor on it: from a tenth of that
+input to three times it."""
 WIDTH_RATIOS = RANGE ** -np.array([1.0, 3.0, 5.0])
 """Presliding distances over the largest motion, each of which stands for those within the range."""
-START_RATIO = 0.1
+MIN_KNOT_RATIO, MAX_KNOT_RATIO = 0.01, 2.2
+"""Knots of the curve over the presliding distance."""
+STRIBECK_RATIO, VISCOUS_RATIO = 0.1, 0.05
 """Stribeck over largest velocity, and viscous over Coulomb force at that velocity."""
 
 
@@ -323,18 +326,19 @@ class RoughFriction(NamedTuple):
 
     def curve(self, **given: int) -> VirginCurve:
         """Return an exponential curve that as many elements as usual follow, or as given."""
-        return VirginCurve(coulomb_force=self.force, characteristic_displacement=self.width, **given)
+        knots = {"min_knot": MIN_KNOT_RATIO * self.width, "max_knot": MAX_KNOT_RATIO * self.width}
+        return VirginCurve(coulomb_force=self.force, characteristic_displacement=self.width, **knots, **given)
 
     def model(self, law: type[FrictionModel]) -> FrictionModel:
         """Return a model of any law, elements along the curve; ParameterError for one that needs numbers unknown here.
 
         The viscous coefficient is not 0, as a factor on it is estimated.
         """
-        viscous = {VISCOUS: START_RATIO * self.force / self.velocity} if VISCOUS in law.model_fields else {}
+        viscous = {VISCOUS: VISCOUS_RATIO * self.force / self.velocity} if VISCOUS in law.model_fields else {}
         if issubclass(law, ElementModel):
             return law.parse({"curve": self.curve(), **viscous}, law.name)
         stiffness, force = map(np.array, self.curve(elements=LAW_ELEMENTS).stiffness_and_force())
-        speed = START_RATIO * self.velocity
+        speed = STRIBECK_RATIO * self.velocity
         return rough_model(law, (stiffness, force), speed, with_damping=True).model_copy(update=viscous)
 
 
@@ -343,7 +347,7 @@ def rough_friction(signals: Signals, observer: EffectiveInput) -> RoughFriction:
     thrust = max(float(np.abs(segment.channels[observer.input]).max()) for segment in signals.segments)
     motion = max(float(np.ptp(segment.channels[observer.output])) for segment in signals.segments) / 2
     velocity = _velocity(signals, observer)
-    starts = [RoughFriction(thrust / RANGE, ratio * motion, velocity) for ratio in WIDTH_RATIOS]
+    starts = [RoughFriction(FORCE_RATIO * thrust, ratio * motion, velocity) for ratio in WIDTH_RATIOS]
     found = [_plausible_friction(signals, observer, start) for start in starts]
     return min(found, key=lambda each: each[0])[1]
 
@@ -353,7 +357,7 @@ def _plausible_friction(
 ) -> tuple[float, RoughFriction]:
     """Return the cost of the most plausible friction around a start, and that friction."""
     changed = observer.model_copy(update={"friction": start.model(Rolling)})
-    search = ScaleSearch(signals, changed.resolve_oversampling(signals.segments), SCALES, force_range=RANGE**2)
+    search = ScaleSearch(signals, changed.resolve_oversampling(signals.segments), SCALES, force_range=FORCE_RANGE)
     best = next(search.starts())
     cost = float(search.costs(best[None, :])[0])
     force, width = np.exp(best)
@@ -372,6 +376,8 @@ def _velocity(signals: Signals, observer: EffectiveInput) -> float:
 MAX_ITERATIONS, MAX_STARTS, MAX_ROUNDS, MORE_MODES = 15, 2, 4, 3
 """Maximum numbers of steps of a search, of starts, of rounds from each, and of modes that a round adds. They bound the
 time: half of the last two loses plants of five modes."""
+FRICTION_ERRORS = (0.01, 0.001)
+"""By how much friction may be wrong where a plant is looked for: at a start, and after a search."""
 
 
 @dataclass(frozen=True)
@@ -497,7 +503,7 @@ def _plants(
         return
     models = problem.free.applied_to(problem.models_around(ANY_PLANT), logs)
     before = len(best.plant.frequencies) if best is not None and isinstance(best.plant, Modal) else 0
-    error = PLANT_MODEL_ERROR if best is not None else 10 * PLANT_MODEL_ERROR  # a start is worse than a search
+    error = FRICTION_ERRORS[best is not None]
     known: list[Plant] = []
     more = range(before + 1, before + 1 + MORE_MODES)
     for modes in (problem.modes,) if problem.modes is not None else (None, *more):

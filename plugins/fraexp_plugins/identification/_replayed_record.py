@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import COARSE_DIFFERENCE, Plant, Replay, Replayed, ReplayModel, Segment, replay
+from fraexp.api import Plant, Replay, Replayed, ReplayModel, Segment, replay
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification._likelihood import greatest_chance_gain
 from fraexp_plugins.identification._machine_problem import Models
@@ -226,6 +226,8 @@ def positions_of(trials: Sequence[Trial]) -> list[NDArray[np.float64]]:
     return [each.position for each in replays_of(trials)]
 
 
+PULSE_SHARE = 2e-3
+"""A pulse over the greatest control input: small, as its response counts as linear."""
 MIN_SAMPLES_PER_TERM = 10
 """Samples of a record for each pulse, below which it tells too little of its start, and those over which a term
 spreads: what moves fewer are pulses that the dead time brings to the first samples, and several terms of the same few
@@ -248,7 +250,7 @@ def start_terms(
     runs: list[Replay] = []
     for record, each, is_long in zip(records, own, long, strict=True):
         run = record.replay(coarse, each)
-        size = COARSE_DIFFERENCE * float(np.abs(run.control_input).max())
+        size = PULSE_SHARE * float(np.abs(run.control_input).max())
         ends = size * np.eye(pulses + 1, run.control_input.size, run.control_input.size - pulses - 1)
         ends[0] = 0.0
         runs += [run._replace(control_input=run.control_input + pulse) for pulse in (ends if is_long else ())]
