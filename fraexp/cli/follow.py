@@ -201,7 +201,8 @@ def print_outcome(followed: RunEvents, arguments: Namespace, workspace: Workspac
         kept = plural(_computed_count(followed, workspace), "sweep")
         say(f"stopped by you: {kept} computed and kept; the same command continues")
         return ExitCode.INTERRUPTED
-    failed = any(_is_unusable(sweep) for finished in runs for sweep in finished.sweeps)
+    sweeps = [sweep for finished in runs for sweep in finished.sweeps]
+    failed = any(of.state in ("failed", "pending") or of.outcome in UNUSABLE_OUTCOMES for of in sweeps)
     return ExitCode.INCOMPLETE if failed else ExitCode.OK
 
 
@@ -232,10 +233,6 @@ def _computed_count(followed: RunEvents, workspace: WorkspaceService) -> int:
         return 0
     with workspace.open_store() as store:
         return sum(store.run(number).computed for number in followed.begun)
-
-
-def _is_unusable(sweep: StoredSweep) -> bool:
-    return sweep.state in ("failed", "pending") or sweep.outcome in UNUSABLE_OUTCOMES
 
 
 def _document(followed: RunEvents, runs: Sequence[FinishedRun]) -> dict[str, object]:

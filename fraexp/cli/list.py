@@ -106,7 +106,7 @@ def _asked_run(store: Store, wanted: str) -> int | None:
 
 def _list_studies(arguments: Namespace) -> None:
     """Print the studies, and what running them would compute."""
-    from fraexp.views.study import STUDY_COLUMNS, newest_runs, study_document, study_row, survey_studies
+    from fraexp.views.study import STUDY_COLUMNS, study_document, study_row, survey_studies
     from fraexp.workspace.workspace_service import WorkspaceService
 
     workspace = WorkspaceService.open(arguments.workspace, arguments.db)
@@ -115,7 +115,7 @@ def _list_studies(arguments: Namespace) -> None:
     runs: dict[str, RunSummary] = {}
     if workspace.has_database():
         with workspace.open_store() as store:
-            runs = newest_runs(store.runs())
+            runs = {run.study: run for run in reversed(store.runs())}  # the newest
     if arguments.json:
         print_json(
             {"studies": [json_value(study_document(of, found.get(of.name), runs.get(of.name))) for of in entries]}

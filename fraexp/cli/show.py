@@ -2,7 +2,6 @@
 
 from argparse import Namespace
 from collections.abc import Sequence
-from typing import Any
 
 from fraexp.cli.documents import run_document, sweep_document
 from fraexp.cli.exits import ExitCode
@@ -62,7 +61,8 @@ def _show_run(store: Store, number_: int, arguments: Namespace) -> None:
     compared = compare_run(run, sweeps, results, workspace_folder(arguments).folder)
     if arguments.json:
         documents = [sweep_document(sweep, results.get(sweep.key), arguments.points) for sweep in sweeps]
-        print_json({**run_document(run), "sweeps": documents, "published": published_documents(compared)})
+        published = [comparison_document(one) for one in compared]
+        print_json({**run_document(run), "sweeps": documents, "published": published})
         return
     print_fields(run_fields(run))
     print()
@@ -170,11 +170,6 @@ def _show_fit(fit: Fit) -> None:
     print()
     for line in fit_section(fit):
         print_line(line, "    ")
-
-
-def published_documents(compared: Sequence[PublishedComparison]) -> list[dict[str, Any]]:
-    """Return the published numbers beside ours as JSON documents."""
-    return [comparison_document(one) for one in compared]
 
 
 def print_published(compared: Sequence[PublishedComparison]) -> None:

@@ -12,7 +12,8 @@ from fraexp.workspace.workspace_folder import WorkspaceFolder
 
 def execute(arguments: Namespace) -> ExitCode:
     """Show the terminal UI until the user quits."""
-    if not (sys.stdin.isatty() and sys.stdout.isatty()) and not _is_served():
+    is_served = "TEXTUAL_DRIVER" in os.environ  # by fraexp serve, to a browser
+    if not (sys.stdin.isatty() and sys.stdout.isatty()) and not is_served:
         raise FraexpError("tui: no terminal; use the commands instead: fraexp list, show, compare")
     if not Path(arguments.workspace).is_dir():
         WorkspaceFolder.open(arguments.workspace)  # raises the error before the UI starts
@@ -21,10 +22,6 @@ def execute(arguments: Namespace) -> ExitCode:
     app = FraexpApp(arguments.workspace, arguments.db, arguments.debug)
     app.run()
     return ExitCode.INTERNAL if app.return_code else ExitCode.OK
-
-
-def _is_served() -> bool:
-    return "TEXTUAL_DRIVER" in os.environ  # by fraexp serve, to a browser
 
 
 def serve(arguments: Namespace) -> ExitCode:

@@ -39,11 +39,6 @@ def json_text(value: object) -> str:
     return json.dumps(json_value(value), ensure_ascii=False)
 
 
-def metric_attributes(result: Result) -> dict[str, dict[str, Any]]:
-    """Return value and unit of each metric, by name."""
-    return {metric.name: {"value": metric.value, "unit": metric.unit} for metric in result.metrics}
-
-
 def response_dataset(response: FrequencyResponse, attributes: Mapping[str, Any]) -> "xarray.Dataset":
     """Return a response over ``frequency``: each field is a variable with its unit in the attribute ``units``.
 
@@ -194,7 +189,7 @@ def outcome_attributes(result: Result) -> dict[str, Any]:
         "outcome": outcome_name(result),
         "message": result.message,
         "numerics": result.numerics,
-        "metrics": metric_attributes(result),
+        "metrics": {metric.name: {"value": metric.value, "unit": metric.unit} for metric in result.metrics},
     }
 
 

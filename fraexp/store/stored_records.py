@@ -157,14 +157,11 @@ class StoredSweep:
 
 def mark_damaged(sweeps: Iterable[StoredSweep], results: Mapping[str, Result]) -> list[StoredSweep]:
     """Return sweeps of which those with a damaged result have this outcome: their rows alone do not show it."""
-    marked = []
-    for sweep in sweeps:
-        result = results.get(sweep.key)
-        is_damaged = result is not None and result.outcome is Outcome.DAMAGED
-        marked.append(
-            replace(sweep, outcome=result.outcome, findings=result.findings) if result and is_damaged else sweep
-        )
-    return marked
+    damaged = {key: found for key, found in results.items() if found.outcome is Outcome.DAMAGED}
+    return [
+        replace(sweep, outcome=found.outcome, findings=found.findings) if (found := damaged.get(sweep.key)) else sweep
+        for sweep in sweeps
+    ]
 
 
 def leave_out_damaged(

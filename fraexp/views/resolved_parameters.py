@@ -34,11 +34,8 @@ def resolved_parameters(sweep: StoredSweep, registry: Registry) -> list[Resolved
     """Return all parameters of a sweep in the order of its experiment, the estimator last."""
     sections = sweep.sections
     shown = flatten({**summarise_segments(sweep.experiment), "estimator": sweep.estimator})
-    return [_resolve(path, value, sections, sweep, registry) for path, value in shown.items() if not _is_version(path)]
-
-
-def _is_version(path: str) -> bool:
-    return path.endswith(".version")
+    named = [(path, value) for path, value in shown.items() if not path.endswith(".version")]
+    return [_resolve(path, value, sections, sweep, registry) for path, value in named]
 
 
 def _resolve(

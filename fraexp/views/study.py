@@ -80,15 +80,6 @@ def survey_studies(
         yield survey_study(workspace, entry)
 
 
-def newest_runs(runs: Iterable[RunSummary]) -> dict[str, RunSummary]:
-    """Return the newest run of each study."""
-    found: dict[str, RunSummary] = {}
-    for run in runs:
-        if run.study not in found or run.number > found[run.study].number:
-            found[run.study] = run
-    return found
-
-
 def study_state(entry: StudyEntry, found: StudySurvey | None, last: RunSummary | None) -> str:
     """Return the state of a study in one word; empty while unknown.
 

@@ -147,7 +147,7 @@ WRONG: dict[str, tuple[Write, Section, str, Section]] = {
     ),
     "levels as realisations": (
         write_levels_in_a_column, periodic(segment_column="level"),
-        r"analyse each level by itself, with \{level\} in a column, a file or select, and level",
+        r"or analyse it by itself, with \{level\} in a column, a file or select, and level",
         {"segment_column": None, "select": "level = {level}", "level": 2},
     ),
     "samples beside a response": (

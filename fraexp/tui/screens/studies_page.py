@@ -31,7 +31,7 @@ from fraexp.tui.widgets.paged_table import ListTable
 from fraexp.tui.widgets.preview_plot import WITH_RESULT, PreviewPlot
 from fraexp.views.fields import run_state_text
 from fraexp.views.listing import Column
-from fraexp.views.study import StudySurvey, newest_runs, study_fields, study_row
+from fraexp.views.study import StudySurvey, study_fields, study_row
 
 PENDING_STATE = "..."
 """State of a study that is not known yet."""
@@ -107,7 +107,7 @@ m measures it on its machine: first the plan, then a question; while a machine i
         if entries is None:
             return
         runs = await self._runs()
-        before, self.items, self.last = self.last, entries, newest_runs(runs)
+        before, self.items, self.last = self.last, entries, {run.study: run for run in reversed(runs)}
         moved = {
             run.study
             for run in self.last.values()
