@@ -302,7 +302,7 @@ def _check_single_steps(time: NDArray[np.float64], stated: float, column: str, p
         where, more = lasting[0], f" ({len(lasting)} such steps)" if len(lasting) > 1 else ""
         raise RecordError(
             f"{path.name}: the time in column '{column}' goes on by {steps[where] / stated:.4g} s after sample "
-            f"{where + 1}, and by {usual / stated:.4g} s elsewhere{more}: samples are lost or written twice; mend the "
+            f"{where + 1}, and by {usual / stated:.4g} s elsewhere{more}: samples are lost or written twice; fix the "
             f"file, or read its time in place of sample_rate (time_column = \"{column}\", --time '{column}')"
         )
 

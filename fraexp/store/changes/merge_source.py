@@ -133,15 +133,10 @@ def _source_sweep(
     if tags_digest(row["key"], tags) != row["tags"]:
         damage.append("tags")
         tags = ()
-    has_result = row["outcome"] is not None and not damage_of_result(damage)
+    has_result = row["outcome"] is not None and {"sweep", "result"}.isdisjoint(damage)
     outcome = Outcome[row["outcome"]].name if row["outcome"] else None  # of an unknown one nothing is read
     columns = {name: row[name] for name in RESULT_COLUMNS} | {"outcome": outcome}
     return SourceSweep(Sweep(*sections, {}), columns if has_result else {}, rows, tags, tuple(damage))
-
-
-def damage_of_result(damage: Sequence[str]) -> bool:
-    """Return whether a damaged part belongs to the result."""
-    return "sweep" in damage or "result" in damage
 
 
 def _find_damage(row: RowMapping, rows: Rows) -> Iterator[str]:
