@@ -177,7 +177,7 @@ def likely_paths(segment: Segment, encoder: float) -> np.ndarray:
     """
     every, random = segment.channels["displacement"], np.random.default_rng(segment.samples)
     spectrum = np.fft.rfft(every.mean(axis=0))
-    power, noise = np.abs(spectrum) ** 2 + 1e-300, encoder * every.shape[1] / every.shape[0]
+    power, noise = np.abs(spectrum) ** 2 + 1e-300, encoder * every.shape[1]
     unknown = np.sqrt(power * noise / (power + noise) / 2)
     errors = random.standard_normal((DRAWS, spectrum.size)) + 1j * random.standard_normal((DRAWS, spectrum.size))
     return np.asarray(np.fft.irfft(spectrum + unknown * errors, every.shape[1], axis=1))
@@ -186,8 +186,8 @@ def likely_paths(segment: Segment, encoder: float) -> np.ndarray:
 def ideal_reach(drawn: DrawnMachine, segments: Sequence[Segment], encoder: float, known: bool = False) -> np.ndarray:
     """Return how far P may be off [dB] at each sine, shape (n,): by encoder, and by friction and dead time if unknown.
 
-    `encoder` is its variance [m²], which acts on friction too; the simulation's tolerance is added. Between the sines
-    the apparent mass is a cubic spline through those that follow there, whose error is known.
+    `encoder` is its variance in a period [m²], which acts on friction too; the simulation's tolerance is added. The
+    apparent mass between the sines is a cubic spline through those that follow there, whose error is known.
     """
     frequency = np.array([segment.frequency[0] for segment in segments])
     omega = 2 * np.pi * frequency
@@ -203,7 +203,7 @@ def ideal_reach(drawn: DrawnMachine, segments: Sequence[Segment], encoder: float
         plant = own.plant(multiples)
         late = 2j * np.pi * multiples * (terms + motions[-1] / plant)
         slopes.append(np.stack([terms, (more - less) / (2 * STEP), late], axis=1))
-        variances.append(4 * encoder / y.size / np.abs(plant) ** 2 + (TOLERANCE * np.abs(terms[0])) ** 2 + by_motion)
+        variances.append(4 * encoder / y.shape[1] / np.abs(plant) ** 2 + np.abs(TOLERANCE * terms[0]) ** 2 + by_motion)
     apparent = np.array([y[0] for y in motions]) * omega**2
     of_mass = np.array([slope[0] for slope in slopes]) / apparent[:, None]
     mass_variance = np.array([variance[0] for variance in variances]) / np.abs(apparent) ** 2
@@ -230,7 +230,9 @@ def judged(bench: Bench, known: bool = False) -> np.ndarray:
             continue  # its force at standstill does not follow from the motion
         loop = each.sections["loop"]
         response = estimated(*each[1:4], **CERTAIN) if known else estimated(*each[1:5], **each.scales)
-        encoder = loop["resolution"] ** 2 / 12 + loop["noise"] ** 2
+        noise, step, periods = loop["noise"], loop["resolution"], len(each.signals.segments[0].channels["y"])
+        lost = (periods - 1) / periods * np.exp(-((2 * np.pi * noise / step) ** 2)) if step else 0.0
+        encoder = (noise**2 + step**2 / 12) / periods + lost * step**2 / 12  # of rounding that all periods repeat
         ideal = ideal_reach(each.drawn, each.signals.segments, encoder, known)
         low, high = confidence_limits(response)[0]
         is_ok = BandReach.of(response).is_within()
