@@ -32,7 +32,7 @@ from fraexp_plugins.identification._machine_problem import NOISE, SCALES, Machin
 from fraexp_plugins.identification._modal_model import parameter_symbol
 from fraexp_plugins.identification._modal_solver import whiteness
 from fraexp_plugins.identification._motion_start import (
-    FRICTION_ERRORS,
+    PLANT_MODEL_ERROR,
     MotionFit,
     MotionRecords,
     fits_along_motion,
@@ -334,7 +334,7 @@ def _without_untold_modes(problem: MachineProblem, joint: Fitted) -> Fitted:
     if not count or not joint.explains or is_told:
         return joint
     logs = joint.state.shared[: len(problem.free.names)]
-    plant, _ = MotionRecords.of(problem).plant(joint.models, count - 1, FRICTION_ERRORS[0])
+    plant, _ = MotionRecords.of(problem).plant(joint.models, count - 1, 10 * PLANT_MODEL_ERROR)
     simpler = _converged(problem, replace(joint.fit, start=joint.fit.start.with_plant(plant)), logs)
     is_better = simpler.criterion(simpler.state.shared.size) < joint.criterion(joint.state.shared.size)
     return _without_untold_modes(problem, simpler) if is_better else joint

@@ -376,8 +376,6 @@ def _velocity(signals: Signals, observer: EffectiveInput) -> float:
 MAX_ITERATIONS, MAX_STARTS, MAX_ROUNDS, MORE_MODES = 15, 2, 4, 3
 """Maximum numbers of steps of a search, of starts, of rounds from each, and of modes that a round adds. They bound the
 time: half of the last two loses plants of five modes."""
-FRICTION_ERRORS = (0.01, 0.001)
-"""By how much friction may be wrong where a plant is looked for: at a start, and after a search."""
 
 
 @dataclass(frozen=True)
@@ -503,7 +501,7 @@ def _plants(
         return
     models = problem.free.applied_to(problem.models_around(ANY_PLANT), logs)
     before = len(best.plant.frequencies) if best is not None and isinstance(best.plant, Modal) else 0
-    error = FRICTION_ERRORS[best is not None]
+    error = PLANT_MODEL_ERROR if best is not None else 10 * PLANT_MODEL_ERROR  # a search improves a start
     known: list[Plant] = []
     more = range(before + 1, before + 1 + MORE_MODES)
     for modes in (problem.modes,) if problem.modes is not None else (None, *more):
