@@ -84,6 +84,7 @@ def test_the_tutorial(follow: Follow) -> None:
         assert any(same_numbers(shown, table) for table in tables), shown
     for study in ("paper/fig08_identified", "autonomous"):
         assert re.search(r"run \d+ complete: .*, 0 failed", printed[f"fraexp run {study}"])
+    assert all(number in printed["fraexp run autonomous"] for number in ("17.8999 ± 0.001", "17.902 ± 0.01", "38.80"))
 
 
 def same_numbers(shown: str, printed: str) -> bool:
