@@ -160,7 +160,7 @@ async def main():
         print(pilot.app.screen.number, flush=True)
         time.sleep(600)
 
-asyncio.run(main())
+asyncio.run(asyncio.wait_for(main(), 120))
 """
 
 
