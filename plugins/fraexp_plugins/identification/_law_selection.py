@@ -34,7 +34,6 @@ from fraexp_plugins.identification._law_forces import (
     rolling_elements,
     unit_law,
 )
-from fraexp_plugins.identification._law_numbers import LAW_ELEMENTS
 from fraexp_plugins.identification._law_report import ACCEPTABLE, ELEMENT_RANGE, LawChoice, LawFit
 from fraexp_plugins.identification._least_squares import HeldSum, inverse_square, minimise, solve_non_negative
 from fraexp_plugins.identification._line_records import LawSolution, LineRecords, some_frequencies
@@ -130,6 +129,8 @@ ALTERNATIVE_VELOCITIES, ALTERNATIVE_RATES_S, ALTERNATIVE_EXCESS = (0.1, 0.4, 1.0
 force less 1, of a Stribeck effect beside a law, by which its Coulomb force is judged."""
 INCOMPLETE_RATIO = 2.0
 """Factor on the change of the Coulomb force where a Stribeck effect beside a law explains more of the records."""
+LUMPS = 6
+"""Number of elements that weaken beside a law."""
 NEIGHBOURHOOD = 3
 """Places on the grid around an element at which another one may be in its place."""
 
@@ -240,24 +241,26 @@ def _weakening_columns(
     """
     thresholds, forces = _lumped(law, sizes)
     weakening = columns_of(unit_law(GeneralizedMaxwellSlip, records.swing, records.speed), thresholds)
-
-    def force(excess: float, velocity: float, rate: float) -> NDArray[np.complex128]:
-        shape = weakening.starting_at({"N": excess, "m/s": velocity, "N/s": rate})
-        return np.asarray(records.deflection(replace(weakening, shape=shape)) @ forces)
-
-    plain = force(ROUNDING, records.speed, ALTERNATIVE_RATES_S[0])  # whatever the velocity and the rate
-    every = product(ALTERNATIVE_VELOCITIES, ALTERNATIVE_RATES_S)
-    changed = [force(ALTERNATIVE_EXCESS, part * records.speed, rate) for part, rate in every]
-    return records.problem((np.stack(changed, axis=-1) - plain[..., None]) / ALTERNATIVE_EXCESS, dead_time).matrix
+    columns = []
+    for part in ALTERNATIVE_VELOCITIES:
+        for rate in ALTERNATIVE_RATES_S:
+            sizes_of = [
+                {"N": excess, "m/s": part * records.speed, "N/s": rate}
+                for excess in (ALTERNATIVE_EXCESS, COARSE_DIFFERENCE * ALTERNATIVE_EXCESS)
+            ]
+            few = [replace(weakening, shape=weakening.starting_at(each)) for each in sizes_of]
+            changed, plain = (records.deflection(each) @ forces for each in few)
+            change = (changed - plain) / ALTERNATIVE_EXCESS
+            columns.append(records.problem(change[..., None], dead_time).matrix)
+    return np.concatenate(columns, axis=1)
 
 
 def _lumped(law: LawForces, sizes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return thresholds [m] and forces [N] of a few elements with the law's virgin curve."""
     x, coulomb = np.geomspace(1e-9, 1e-1, 400), float(sizes[law.is_coulomb].sum())
     force = np.maximum.accumulate(law.virgin_columns(x) @ sizes)
-    levels = (np.arange(LAW_ELEMENTS) + 0.5) / LAW_ELEMENTS * force[-1]
-    widths = np.interp(levels, force + 1e-12 * force[-1] * np.arange(x.size), x)
-    return widths, np.full(LAW_ELEMENTS, coulomb / LAW_ELEMENTS)
+    levels = (np.arange(LUMPS) + 0.5) / LUMPS * force[-1]
+    return np.interp(levels, force + 1e-12 * force[-1] * np.arange(x.size), x), np.full(LUMPS, coulomb / LUMPS)
 
 
 SEARCH_STEP, SEARCH_OVERSAMPLING = 3, 2

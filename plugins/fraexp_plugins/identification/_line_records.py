@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import (
-    ROUNDING,
     FrictionModel,
     Motion,
     RecordError,
@@ -25,7 +24,7 @@ from fraexp_plugins.estimators._shared.realisations import mean
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification._law_forces import LawForces
 from fraexp_plugins.identification._least_squares import solve_non_negative
-from fraexp_plugins.identification._usable_records import HARMONICS, SAMPLE_TIME_TOLERANCE, with_harmonics
+from fraexp_plugins.identification._usable_records import SAMPLE_TIME_TOLERANCE, with_harmonics
 
 MIN_HARMONIC_SAMPLES = 50
 """Samples of a cycle of the highest harmonic."""
@@ -38,8 +37,9 @@ NOISE_SEEDS = 12
 most of them change nothing where an element only just slips."""
 PRIOR_FORCE_RATIO = 0.3
 """Prior standard deviation of the force of all elements over the largest thrust, for independent elements."""
-FREE_BODY_TERMS = 4
-"""Terms of the power series of 1/P of a free body."""
+FREE_BODY_RANGE, FREE_BODY_TERMS = 3.05, 4
+"""Frequencies over the lowest one up to which an axis may be a free body (the third harmonic of the lowest one too),
+and terms of the power series of 1/P there."""
 
 
 class LinearProblem(NamedTuple):
@@ -198,13 +198,10 @@ class LineRecords:
     def as_free_body(self) -> "LineRecords":
         """Return the records of an axis whose lowest frequencies are far below its first mode.
 
-        They reach up to the first odd harmonic of the lowest one.
-
         Elements that slip in hardly any record are a spring in the others, and 1/P of each line hides a spring: one of
         1.2 N that slips after 21 mm was a part of the Coulomb force.
         """
-        highest = HARMONICS[1] * self.frequency.min()
-        return replace(self, free_lines=np.flatnonzero(self.frequency <= (1 + ROUNDING) * highest))
+        return replace(self, free_lines=np.flatnonzero(self.frequency <= FREE_BODY_RANGE * self.frequency.min()))
 
     def deflection(self, law: LawForces) -> NDArray[np.complex128]:
         """Return the phasors of each column [N/N], complex, shape (L, M, N)."""

@@ -34,7 +34,7 @@ MAX_LINE_SCATTER = 0.1
 """Relative scatter of P̂ over the amplitudes up to which a frequency counts for the plant."""
 
 
-class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=10):
+class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=9):
     """Friction, P̂ and the plant of eq (1) together, such that P̂ is the same at all amplitudes and phases.
 
     G_di G_do U_a = Y_a/P + F_a for each record a, at each excited line, with a 1/P of its own, and at the odd harmonics
