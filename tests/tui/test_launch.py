@@ -157,7 +157,7 @@ async def main():
         await pilot.press("enter")
         while not (isinstance(pilot.app.screen, RunPage) and pilot.app.screen.number):
             await pilot.pause(0.05)
-        print(pilot.app.screen.number, flush=True)
+        print(pilot.app.screen.number, file=sys.__stdout__, flush=True)  # textual has its own stdout
         time.sleep(600)
 
 asyncio.run(asyncio.wait_for(main(), 120))

@@ -239,7 +239,7 @@ from tests.tui.test_measuring import play
 
 async def steps(app, pilot):
     await play(app, pilot)
-    print("playing", flush=True)
+    print("playing", file=sys.__stdout__, flush=True)  # textual has its own stdout
     await asyncio.sleep(3600)
 
 pilot_of(Path(sys.argv[1]), steps)
