@@ -28,14 +28,13 @@ MOTION_DIFFERENCE = 0.3
 FIRST_RADIUS = 0.2
 """Largest first step of a shared logarithm, of a force over the control input, and of a drift over the motion."""
 MAX_SMALL_GAINS = 3
-"""Maximum number of steps in a row that gain little, as elements take that share a force in ways that hardly differ, or
-that leave a start hopeless."""
+"""Maximum number of steps in a row that gain little, as elements take that share a force in ways that hardly differ."""
 LAST_GAIN = 0.5
 """Gain of the log-likelihood with which the last steps end: that of a standard deviation of one parameter. Half of it
 moves a parameter of the LuGre law by a fifth of its interval, in half as much time again."""
-HOPELESS_RATIO = 10.0
-"""Residual over what noise and rounding explain, from which a start is given up after its first steps. It saves half of
-the time."""
+HOPELESS_RATIO, FIRST_STEPS = 10.0, 4
+"""Residual over what noise and rounding explain, from which a start is given up after its first steps. It saves time
+alone."""
 MIN_STD_RATIO = 0.03
 """Standard deviation of a position over the encoder's step that the likelihood assumes at least, as the box of a
 rounded sample has walls that no step crosses. Half of it makes bands 12 % narrower and fits up to three times slower.
@@ -123,7 +122,7 @@ class RecordFit:
             raise RecordError(f"the modelled machine diverges at the start, along {len(diverges)} records ({at})")
         linear = self.linearise(state, positions, known)
         for count in range(MAX_ITERATIONS):
-            if gives_up and count == MAX_SMALL_GAINS + 1 and self.mean_ratio(linear) > HOPELESS_RATIO:
+            if gives_up and count == FIRST_STEPS and self.mean_ratio(linear) > HOPELESS_RATIO:
                 break
             move, is_explained = self._move(state, linear, radius), self._is_explained(linear)
             small = small + 1 if move.gain < LAST_GAIN else 0
