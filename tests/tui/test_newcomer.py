@@ -51,7 +51,7 @@ class Terminal(NamedTuple):
 @pytest.fixture
 def terminal(tmp_path: Path) -> Iterator[Terminal]:
     width, height = "80", "24"
-    found = Terminal(f"fraexp-{os.getpid()}")
+    found = Terminal(f"fraexp-{os.getpid()}-{tmp_path.name}")  # not the server of the test before, which still ends
     place = f"{sys.executable} -m fraexp tui --workspace={tmp_path}"
     environment = ["-e", "FRAEXP_TUI_THEME=", "-e", "LANG=C.UTF-8", "-e", "LC_ALL=C.UTF-8"]
     checkout = [f"-ePYTHONPATH={os.environ['PYTHONPATH']}"] if "PYTHONPATH" in os.environ else []
