@@ -73,7 +73,7 @@ def si(unit: str) -> tuple[float, str]:
     return float(base.magnitude), name or "1"
 
 
-NAMED = ("N", "V", "N*m", "W", "Pa", "N/m", "V/m")
+NAMED = ("N", "V", "N m", "W", "Pa", "N/m", "V/m")
 """Units that keep the name they have in the field: N, not kg·m/s²."""
 
 

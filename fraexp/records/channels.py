@@ -146,7 +146,7 @@ def _parse_sum(text: str, scale: float) -> dict[str, Any]:
     return {"column": found["column"], "plus" if found["sign"] == "+" else "minus": found["other"]}
 
 
-SIGNAL_UNITS = frozenset(("1", "N", "N*m", "N/m", "A", "V", "W", "Pa", "K", "s", "1/s"))
+SIGNAL_UNITS = frozenset(("1", "N", "N m", "N/m", "A", "V", "W", "Pa", "K", "s", "1/s"))
 SIGNAL_UNITS |= {f"{of}{per}" for of in ("m", "rad") for per in ("", "/s", "/s**2", "/s**3")}
 """SI units of what is measured on machines."""
 
@@ -309,10 +309,7 @@ EXACT_ROLES = {
     "response": "y", "w": "frequency", "millis": "time", "micros": "time",
 }  # fmt: skip
 """Names that are a role themselves."""
-CLOCK_PATTERNS = {
-    "sample rate": rf"{RATE_NAMES.pattern}|rate",
-    "sample time": rf"{SAMPLE_TIME_NAMES.pattern}|t_s",
-}
+CLOCK_PATTERNS = {"sample rate": rf"{RATE_NAMES.pattern}|rate", "sample time": rf"{SAMPLE_TIME_NAMES.pattern}|t_s"}
 """Names of single numbers."""
 NAME_PATTERNS = {
     "time": rf"{TIME_NAMES.pattern}|x_?values?|x-axis",
@@ -337,7 +334,7 @@ COMMAND_WORDS = re.compile(r"r|ref\w*|set\w*|soll\w*|target|desired|des|dem(and)
 """Words of a commanded quantity: a commanded position is a reference, a commanded force an input."""
 UNIT_ROLES = {
     "m": "y", "rad": "y", "m/s": "y", "rad/s": "y", "m/s**2": "y", "rad/s**2": "y", "N": "u", "A": "u", "V": "u",
-    "N*m": "u", "s": "time", "1/s": "frequency",
+    "N m": "u", "s": "time", "1/s": "frequency",
 }  # fmt: skip
 """Probable role by the SI unit."""
 COUNT_UNITS = ("sequence", "samples", "sample")

@@ -15,7 +15,7 @@ from fraexp.views.words import number_text, plural, with_unit
 
 LAW_METRICS = ("Coulomb force", "viscous coefficient")
 """Metrics of friction, each with the half-width of its interval behind `, 95 %`."""
-MASSES = {"m/N": ("mass", "kg"), "rad/N m": ("inertia", "kg m²")}
+MASSES = {"m/N": ("mass", "kg"), "rad/(N m)": ("inertia", "kg m²")}
 """What 1/k0 is, by the unit of the response."""
 MARGINS = ("modulus margin", "gain margin", "phase margin")
 """Metrics of a tuned loop."""

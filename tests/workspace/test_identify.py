@@ -77,10 +77,11 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> Path:
 )
 def test_amplitudes_choose_the_estimator(records: Path, names: str, levels: int, estimator: str) -> None:
     registry = WorkspaceService.open(records).registry
-    request = with_channels(ImportRequest([records / f"{name}.csv" for name in names.split()], {}), registry)
-    look = look_at(request, registry)
-    assert (look.levels, choose(look).estimator["name"]) == (levels, estimator)
-    assert look.resolution == pytest.approx(1e-7)
+    for channels, unit in (({}, "N"), ({"u": "force * 0.1 [N m]", "y": "position * 1e-6 [rad]"}, "N m")):
+        request = ImportRequest([records / f"{name}.csv" for name in names.split()], channels)
+        look = look_at(with_channels(request, registry), registry)
+        assert (look.levels, choose(look).estimator["name"], look.unit) == (levels, estimator, unit)
+        assert look.resolution == pytest.approx(1e-7)
 
 
 def test_a_listing_that_leaves_something_open_is_refused(tmp_path: Path) -> None:
