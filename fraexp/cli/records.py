@@ -65,7 +65,7 @@ def _parse_channels(texts: list[str], integrals: list[str]) -> dict[str, object]
         name, _, times = text.partition("=")
         if name not in channels or times.removeprefix("-") not in ("", "1", "2"):
             raise RecordError(
-                f"--integrate {text}: expected a channel and 1, 2, -1 or -2, such as {next(iter(channels))}=2"
+                f"--integrate {text}: expected a channel and 1, 2, -1 or -2, such as {next(iter(channels), 'y')}=2"
             )
         plain = parse_channel(channels[name], name).plain()
         given = {key: value for key, value in plain.items() if value not in ("", 0.0) and (key, value) != ("scale", 1)}

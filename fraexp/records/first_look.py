@@ -1,5 +1,6 @@
 """What measured records tell of an axis: the estimator that suits them, and the study that applies it."""
 
+import shlex
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -37,6 +38,8 @@ PLACEHOLDERS = ("HZ", "OUTPUT/INPUT")
 """What a proposal has for what the user must state."""
 CUTTING_KEYS = {"samples_per_period", "period_time", "steps", "frequency_column", "segments", "periodic"}
 """Keys of [record] that say what repeats itself, of which one is given."""
+SPEED_UNITS = tuple((force, f"{position}/s") for force, position in LOOP_UNITS)
+"""Units of control input and velocity, which tell friction of a record that does not repeat itself."""
 JOINT, PLANT, SLIDING = "plant_and_friction", "modal_fit", "friction_identification"
 
 
@@ -112,6 +115,14 @@ def look_at(request: ImportRequest, registry: Registry) -> RecordLook:
         raise RecordError(f"{request.files[0]}: {found}; name both: u=COLUMN and y=COLUMN")
     source, position = channels[:2]
     units = signals.units[source], signals.units[position]
+    if not signals.segments[0].periodic and units in SPEED_UNITS:
+        return RecordLook(units[0], (), (), 1, 0.0)
+    if units in SPEED_UNITS:
+        given = [part for name, text in request.channels.items() for part in ("--channel", f"{name}={text}")]
+        raise RecordError(
+            f"{request.files[0]}: '{position}' is a velocity; expected a position: integrate it over its periods, "
+            f"{shlex.join([*given, '--integrate', position])}, or give --aperiodic"
+        )
     if units not in LOOP_UNITS:
         raise RecordError(
             f"{request.files[0]}: the input is in {units[0]}, the output in {units[1]}; expected N and m, or N m and "

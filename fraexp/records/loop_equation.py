@@ -585,10 +585,7 @@ TEXTS = {
         "record the controller's whole output; if the machine has no feedback, state that with record.controller = "
         '{name = "transfer_function", numerator = [0], denominator = [1]}',
     ),
-    FaultKind.FEEDBACK: (
-        "'u' is what the controller makes of 'y', without the excitation",
-        "record the sum of both",
-    ),
+    FaultKind.FEEDBACK: ("'u' is what the controller makes of 'y', without the excitation", "record the sum of both"),
     FaultKind.EXCITATION_FACTOR: (
         "'u' has {factor:,.4g} times the excitation that was written",
         "correct gain and sign of the output that plays it; if it is meant, state what is played in record.segments",

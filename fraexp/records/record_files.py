@@ -71,7 +71,14 @@ def find_reader(name: str, path: Path, registry: Registry) -> RecordReader:
 
 def read_columns(reader: ColumnReader, path: Path, columns: set[str]) -> RecordTable:
     """Return columns of a file; RecordError if their lengths differ, or they hold no plausible numbers."""
-    table = reader.read(path, sorted(columns))
+    try:
+        table = reader.read(path, sorted(columns))
+    except RecordError:
+        held = _unreadable(reader, path)
+        for name in sorted(columns & held.keys()):
+            words = "expected numbers: save arrays, or choose another column"
+            raise RecordError(f"{path.name}: '{name}' contains {held[name]}; {words}") from None
+        raise
     lengths = {name: samples.size for name, samples in table.columns.items()}
     if len(set(lengths.values())) > 1 and not table.times:
         text = ", ".join(f"'{name}' {length}" for name, length in lengths.items())
@@ -172,12 +179,17 @@ def list_contents(file: Path, registry: Registry) -> list[FileContent]:
     for name, (shape, unit) in listing(path).items():
         role = guess_role(name, unit, shape)
         contents.append(FileContent(name, shape, unit, role.name, role.score))
-    unreadable: Callable[[Path], Mapping[str, str]] | None = getattr(found, "unreadable", None)
-    for name, kind in unreadable(path).items() if unreadable else ():
+    for name, kind in _unreadable(found, path).items():
         contents.append(FileContent(name, (0,), "", f"{UNREADABLE}: {kind}"))
     if not contents:
         raise RecordError(f"{path.name}: nothing in the file can be read; expected columns or variables of numbers")
     return contents
+
+
+def _unreadable(reader: ColumnReader, path: Path) -> Mapping[str, str]:
+    """Return what the variables of a file contain that cannot be read, by name."""
+    listing: Callable[[Path], Mapping[str, str]] | None = getattr(reader, "unreadable", None)
+    return listing(path) if listing else {}
 
 
 def list_remarks(file: Path, registry: Registry) -> list[str]:

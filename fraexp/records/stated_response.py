@@ -152,10 +152,7 @@ def _read_points(plain: Plain, table: RecordTable, path: Path) -> _Points:
 
 
 def _check_points(
-    frequency: NDArray[np.float64],
-    response: NDArray[np.complex128],
-    coherence: NDArray[np.float64] | None,
-    path: Path,
+    frequency: NDArray[np.float64], response: NDArray[np.complex128], coherence: NDArray[np.float64] | None, path: Path
 ) -> None:
     if not 1 <= frequency.size <= MAX_POINTS:
         raise RecordError(f"{path.name}: {frequency.size} frequencies are above 0 Hz; expected 1 to {MAX_POINTS}")

@@ -47,16 +47,8 @@ def channels(u: str, y: str) -> list[str]:
 def test_what_the_model_does_not_know_is_told(folder: Path) -> None:
     write_drive(folder / "drive.mat", point_to_point(DRIVE.rate))
     command = ["import", "drive.mat", *channels("servo_volt * -31.5 [N]", "enc_cnt * 0.5 [um]")]
-    more = [
-        "--sample-rate",
-        "1000",
-        "--aperiodic",
-        "--estimator",
-        "friction_identification",
-        "--set",
-        'estimator.laws=["coulomb"]',
-    ]
-    assert main([*command, *more]) == ExitCode.INCOMPLETE  # the thrust has the wrong sign
+    more = ["--aperiodic", "--estimator", "friction_identification", "--set", 'estimator.laws=["coulomb"]']
+    assert main([*command, "--sample-rate", "1000", *more]) == ExitCode.INCOMPLETE  # the thrust has the wrong sign
 
 
 def arrays(folder: Path, vibration: Arrays) -> list[str]:
@@ -87,16 +79,7 @@ def files(folder: Path, vibration: Arrays) -> list[str]:
     for level in range(3):
         write_level(folder / f"v{level + 1}.csv", vibration[0][..., level], vibration[1][..., level])
     names = [f"v{level + 1}.csv" for level in range(3)]
-    return [
-        *names,
-        "--separate-files",
-        *channels("Force", "Acceleration"),
-        "--time",
-        "t",
-        "--segment",
-        "run",
-        *PERIODIC,
-    ]
+    return [*names, "--separate-files", *channels("Force", "Acceleration"), "--time=t", "--segment=run", *PERIODIC]
 
 
 def one_table(folder: Path, vibration: Arrays) -> list[str]:
@@ -173,10 +156,7 @@ REFUSED = {
     ),
     "not periodic, no estimator": (["--aperiodic"], "does not repeat itself needs --estimator"),
     "no harmonics": (["--harmonics", "1,x"], "'1,x' is invalid; expected harmonics"),
-    "wrong number of periods": (
-        ["--segment", "run", "--select", "level=5", "--periods", "2"],
-        "1.50 realisations of 2",
-    ),
+    "wrong number of periods": (["--segment=run", "--select", "level=5", "--periods=2"], "1.50 realisations of 2"),
 }
 
 

@@ -81,7 +81,12 @@ class FrictionRecord:
 
 
 def friction_records(signals: Signals, displacement: str, force: str) -> list[FrictionRecord]:
-    """Return the record of each segment; RecordError for channels that are missing or do not move."""
+    """Return the record of each segment; RecordError for channels that are missing or do not move.
+
+    A velocity of a record that does not repeat itself stands for its position: no law asks where that begins.
+    """
+    if signals.unit(displacement) == "m/s":
+        signals = _integrated(signals, displacement)
     for name, unit in ((displacement, "m"), (force, "N")):
         if (found_unit := signals.unit(name)) != unit:  # kilograms do not follow from volts
             raise RecordError(
@@ -98,6 +103,18 @@ def friction_records(signals: Signals, displacement: str, force: str) -> list[Fr
     if not found:
         raise RecordError("the signals are empty; expected a record of displacement and force")
     return found
+
+
+def _integrated(signals: Signals, name: str) -> Signals:
+    """Return the signals with the position in place of a velocity; RecordError for one that is periodic."""
+    if any(segment.periodic for segment in signals.segments):
+        raise RecordError(f"'{name}' is a velocity; expected a position: integrate it (--integrate {name})")
+    segments = []
+    for segment in signals.segments:
+        speed = segment.channels[name]
+        position = (np.cumsum(speed, axis=1) - (speed + speed[:, :1]) / 2) * segment.sample_time  # by trapezoids
+        segments.append(replace(segment, channels={**segment.channels, name: position}))
+    return replace(signals, segments=tuple(segments), units={**signals.units, name: "m"})
 
 
 def _friction_record(segment: Segment, displacement: str, force: str, first_cycle: int) -> FrictionRecord:
@@ -411,7 +428,8 @@ class FrictionProblem:
             largest = Quantity(float(self.thresholds.max()), "m")
             spans = ("the motion spans twice the largest threshold, ", largest, ",")
         found_rows = f" in {count} {self.observation.rows_name}; expected {self.observation.min_rows} or more: "
-        raise RecordError(*spans, found_rows, "record more cycles with gross sliding")
+        wider = ", or raise max_frequency" if isinstance(self.observation, ThrustAndMotion) else ""
+        raise RecordError(*spans, found_rows, f"record more cycles with gross sliding{wider}")
 
     @cached_property
     def is_fitted(self) -> NDArray[np.bool_]:

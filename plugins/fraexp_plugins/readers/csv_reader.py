@@ -75,7 +75,7 @@ def _moment(cell: str) -> tuple[datetime, float]:
     return datetime.fromisoformat(text), float(f"0{fraction}")
 
 
-_NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_NUMBER = r"(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?"
 
 
 class ComplexNotation(NamedTuple):
@@ -343,7 +343,9 @@ def _is_text(column: Sequence[str], decimal_comma: bool) -> bool:
 
 def _numeric_cells(lines: Sequence[str], delimiter: str | None) -> Iterator[str]:
     for line in lines[:SAMPLED_ROWS]:
-        yield from (cell for cell in split_cells(line, delimiter) if is_number(cell, decimal_comma=True))
+        for cell in split_cells(line, delimiter):
+            if is_number(cell, decimal_comma=True) or NOTATIONS[0].pattern.fullmatch(cell):
+                yield cell
 
 
 class CsvReader(RecordReader, name="csv", version=1):
@@ -471,7 +473,7 @@ def _is_cut_off(rows: Sequence[Sequence[str]], width: int) -> bool:
 def _fault(path: Path, layout: TextLayout, positions: list[int]) -> RecordError:
     """Return the error for the first bad cell, with the number of bad cells: slow, as it parses cell by cell."""
     faults: list[str] = []
-    count = cells_read = 0
+    count = 0
     for number, line in _rows(path, layout):
         cells = split_cells(line, layout.delimiter)
         for position in positions:
@@ -479,15 +481,11 @@ def _fault(path: Path, layout: TextLayout, positions: list[int]) -> RecordError:
             finite = is_number(cell, layout.decimal_comma)
             with suppress(ValueError):
                 finite = finite and math.isfinite(layout.number(cell))
-            cells_read += 1
             if not finite:
                 count += 1
                 faults = faults or [f"line {number}", f"'{cell}' in column '{layout.headings[position]}'"]
     if not faults:
         return RecordError(f"{path.name}: the cells cannot be separated; expected every quote to be closed")
     where, what = faults
-    if count == cells_read > 1 and len(positions) == 1 and positions[0] in layout.text_columns:
-        name = layout.names[positions[0]]
-        return RecordError(f"{path.name}: column '{name}' contains text; expected numbers: choose another column")
     others = f" ({count} such cells in all)" if count > 1 else ""
     return RecordError(f"{path.name}, {where}: {what} is not a finite number{others}; correct or remove these samples")

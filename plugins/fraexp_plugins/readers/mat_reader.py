@@ -9,6 +9,7 @@ import struct
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from math import prod
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -69,7 +70,8 @@ def shapes(path: Path) -> dict[str, tuple[int, ...]]:
 def _load(path: Path, tops: set[str] | None) -> tuple[Mapping[str, Any], dict[str, int]]:
     """Return the variables of these names, or all if None, and the decoded sizes of all variables [bytes]."""
     try:
-        variables, order = _variables(path)
+        everything, order = _variables(path)
+        variables = {name: of for name, of in everything.items() if not of.object_class}
         sizes = {name: variable.size for name, variable in variables.items()}
         wanted = [name for name in variables if tops is None or name in tops]
         for top in wanted:
@@ -95,6 +97,8 @@ class _Variable:
     start: int = 0
     length: int = 0
     compressed: bool = False
+    object_class: str = ""
+    """Class of an object of MATLAB's own, such as timeseries, which is not read."""
 
 
 def _load_version_4(path: Path, wanted: Sequence[str]) -> dict[str, Any]:
@@ -138,7 +142,8 @@ def _elements(stream: BinaryIO, order: str, end: int) -> Iterator[tuple[str, _Va
             if compressed:  # the size in its header need not be true
                 stream.seek(start)
                 decoded = sum(map(len, _inflate(stream, size)))
-            yield _name(body, order), _Variable(decoded, start, size, compressed)
+            name, object_class = _name_and_class(body, order)
+            yield name, _Variable(decoded, start, size, compressed, object_class)
         stream.seek(start + size)
 
 
@@ -167,16 +172,15 @@ def _content(stream: BinaryIO, variable: _Variable) -> memoryview:
     return memoryview(b"".join(_inflate(stream, variable.length)))[8:]
 
 
-def _name(body: bytes, order: str) -> str:
-    if struct.unpack_from(f"{order}I", body, 8)[0] & 0xFF == OPAQUE:
-        return ""
-    offset = 16  # array flags come first, of fixed length; then dimensions, then the name
-    _, size = struct.unpack_from(f"{order}II", body, offset)
-    offset += 8 + (size + 7) // 8 * 8
-    kind, size = struct.unpack_from(f"{order}II", body, offset)
-    if kind >> 16:  # a short element: length and type share four bytes
-        return body[offset + 4 : offset + 4 + (kind >> 16)].decode("latin-1")
-    return body[offset + 8 : offset + 8 + size].decode("latin-1") if kind == INT8 else ""
+def _name_and_class(body: bytes, order: str) -> tuple[str, str]:
+    """Return the name of a variable, empty if it has none, and the class if it is an object of MATLAB's own."""
+    parts = elements(memoryview(body), order)
+    is_object = int(np.frombuffer(next(parts)[1], f"{order}u4")[0]) & 0xFF == OPAQUE
+    if not is_object:
+        next(parts)  # the dimensions
+    kind, name = next(parts)
+    *_, object_class = (bytes(of) for _, of in islice(parts, 2 * is_object)) if is_object else (b"",)
+    return bytes(name).decode("latin-1") * (kind == INT8), object_class.decode("latin-1")
 
 
 def _array_at(path: Path, column: str, content: Mapping[str, Any], sizes: Mapping[str, int]) -> NDArray[np.generic]:
@@ -347,6 +351,14 @@ class MatReader(RecordReader, name="mat", version=1):
         """Return the shape of every numeric array in a file, by name; units are empty, as MATLAB has none."""
         found = mat_hdf5.shapes(path) if _is_hdf5(path) else shapes(path)
         return {name: (shape, "") for name, shape in found.items()}
+
+    def unreadable(self, path: Path) -> Mapping[str, str]:
+        """Return what the variables contain that is of MATLAB's own, by name."""
+        if _is_hdf5(path):
+            found = mat_hdf5.objects(path)
+        else:
+            found = {name: of.object_class for name, of in _variables(path)[0].items() if of.object_class}
+        return {name: f"a MATLAB object ({of})" for name, of in found.items()}
 
 
 def _read_transposed(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.generic]]:

@@ -1,5 +1,6 @@
 """Universal files of structural dynamics, dataset 58: functions over time or frequency."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from fraexp.api import RecordError, RecordReader, RecordTable
 from fraexp_plugins.readers._shared.record_arrays import check_size, format_errors, load_package, only_one, pick_columns
 from fraexp_plugins.readers._shared.text_lines import unique_names
 
-FUNCTION_DATASET = 58
+UNITS_DATASET, FUNCTION_DATASET = 164, 58
 FUNCTIONS = {
     0: "general", 1: "signal", 2: "autospectrum", 3: "crossspectrum", 4: "response", 6: "coherence", 9: "psd",
     12: "spectrum",
@@ -19,6 +20,15 @@ FUNCTIONS = {
 """Names of the function types of the format."""
 DIRECTIONS = {0: "", 1: "X", 2: "Y", 3: "Z", 4: "RX", 5: "RY", 6: "RZ"}
 EVEN_TOLERANCE = 1e-6
+QUANTITIES = {8: "length", 9: "force", 11: "length/s", 12: "length/s^2", 13: "force"}
+"""Quantities of axes in dataset 58, by their types: displacement, reaction force, velocity, acceleration, force."""
+UNITS = {
+    "length": {1.0: "m", 100.0: "cm", 1e3: "mm", 39.37: "in", 3.2808: "ft"},
+    "force": {1.0: "N", 1e-3: "kN", 0.22481: "lbf", 0.10197: "kgf"},
+}
+"""Units by the factors of dataset 164, by which numbers are divided to be in SI units."""
+FACTOR_TOLERANCE = 1e-3
+"""Relative: programs print the factors with few digits."""
 
 
 class UffReader(RecordReader, name="uff", version=1):
@@ -50,12 +60,23 @@ def _functions(path: Path) -> dict[str, Function]:
     pyuff = load_package(path, "pyuff", "uff")
     with format_errors(path, "a universal file"):
         file = pyuff.UFF(str(path))
-        numbers = [n for n, kind in enumerate(file.get_set_types()) if int(kind) == FUNCTION_DATASET]
-        sets = [file.read_sets(number) for number in numbers]
+        units: dict[str, Any] = {}
+        sets: list[dict[str, Any]] = []
+        for number, kind in enumerate(map(int, file.get_set_types())):
+            if kind == UNITS_DATASET:  # of the functions behind it
+                units = file.read_sets(number)
+            elif kind == FUNCTION_DATASET:
+                sets.append({**file.read_sets(number), "units": units})
     if not sets:
         raise RecordError(f"{path.name}: it has no dataset 58; expected functions over time or frequency")
     found: dict[str, Function] = {}
     for name, one in zip(unique_names([_name(one) for one in sets]), sets, strict=True):
+        stated, size = int(one["num_pts"]), np.size(one["data"])
+        if size != stated:
+            raise RecordError(
+                f"{path.name}: '{name}' has {size} points, and its header states {stated}; export the file again, or "
+                "correct the header"
+            )
         found |= _columns(name, one)
     return found
 
@@ -70,8 +91,8 @@ def _name(one: dict[str, Any]) -> str:
 
 def _columns(name: str, one: dict[str, Any]) -> dict[str, Function]:
     x, data = np.asarray(one["x"], dtype=float), np.asarray(one["data"])
-    unit = str(one.get("ordinate_axis_units_lab", "") or "").strip()
-    unit = "" if unit.upper() in ("NONE", "") else unit
+    label = str(one.get("ordinate_axis_units_lab", "") or "").strip()
+    unit = label if label.upper() not in ("NONE", "") else _unit_by_factors(one)
     steps = np.diff(x)
     even = steps.size > 0 and float(np.ptp(steps)) <= EVEN_TOLERANCE * abs(float(steps[0])) and steps[0] > 0
     if int(one.get("func_type", 0)) == 1:
@@ -84,3 +105,18 @@ def _columns(name: str, one: dict[str, Any]) -> dict[str, Function]:
             f"{name}.imaginary": (np.ascontiguousarray(data.imag), unit, None),
         }
     return {**found, name: (np.asarray(data, dtype=float), unit, None)}
+
+
+def _unit_by_factors(one: dict[str, Any]) -> str:
+    """Return the unit that the factors of dataset 164 give a function; empty if there are none, or they are unknown."""
+    unit, over = _quantity(one, "ordinate", "rsp_dir"), _quantity(one, "orddenom", "ref_dir")
+    return unit if int(one.get("func_type", 0)) == 1 else f"{unit}/{over}" * bool(unit and over)
+
+
+def _quantity(one: dict[str, Any], axis: str, direction: str) -> str:
+    """Return the unit of a translation or a force along an axis of the function."""
+    name = QUANTITIES.get(int(one.get(f"{axis}_spec_data_type", 0)), "") * (abs(int(one.get(direction, 0))) <= 3)
+    quantity = name.partition("/")[0]
+    factor, known = one["units"].get(quantity, math.nan), UNITS.get(quantity, {})
+    units = (unit for of, unit in known.items() if math.isclose(of, factor, rel_tol=FACTOR_TOLERANCE))
+    return next((name.replace(quantity, unit) for unit in units), "")

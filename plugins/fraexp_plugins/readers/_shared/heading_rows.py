@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from pathlib import Path
 
 from fraexp.api import RecordError
@@ -78,11 +78,11 @@ def find_headings(
 ) -> Headings:
     """Return headings, names and units of the columns from the lines above the table, whose first row is `cells`."""
     rows = [(number + 1, line.strip(" \r\n")) for number, line in enumerate(header) if line.strip()]
-    plain = [(number, split_cells(line, delimiter)) for number, line in rows if not is_comment(line)]
+    plain = [(number, _heading_cells(line, delimiter, len(cells))) for number, line in rows if not is_comment(line)]
     labelled = _labelled_headings([row for _, row in plain], cells)
     if labelled:
         return labelled
-    commented = [(n, split_cells(line.lstrip("#% "), delimiter)) for n, line in rows if is_comment(line)]
+    commented = [(n, _heading_cells(line.lstrip("#% "), delimiter, len(cells))) for n, line in rows if is_comment(line)]
     widths = range(len(cells) - (not cells[-1]), len(cells) + 2)  # a line may end with a delimiter, or with a remark
     block = _heading_block(plain, widths, decimal_comma)
     if not block:
@@ -92,12 +92,28 @@ def find_headings(
         numbers = [str(position + 1) for position in range(len(cells))]
         return numbers, numbers, [None] * len(cells)
     headings = (block[0][1] + [""] * len(cells))[: max(len(cells), 1)]
-    found = names_and_units(headings)
+    above = next((row for number, row in plain if number == block[0][0] - 1), [])
+    found = [_under_time(*pair) for pair in zip_longest(names_and_units(headings), above[: len(headings)])]
     units = [unit for _, unit in found]
     for _, row in block[1:]:
         if _are_units(row, with_numbers=True):
             units = [cell.strip("[]()") or unit for cell, unit in zip(row + [""] * len(cells), units, strict=False)]
     return headings, [name for name, _ in found], units
+
+
+def _heading_cells(line: str, delimiter: str | None, width: int) -> list[str]:
+    """Return the cells of a line above a table of a width; between blanks, a unit in brackets belongs to its name."""
+    cells = split_cells(line, delimiter)
+    if delimiter is not None or len(cells) == width:
+        return cells
+    ways = (re.findall(r"\S+(?:\s+[\[(][^\])]*[\])])?", line), re.split(r"\s{2,}", line.strip()))
+    return next((way for way in ways if len(way) == width), cells)
+
+
+def _under_time(own: tuple[str, str | None], above: str | None) -> tuple[str, str | None]:
+    """Return name and unit of a heading; a unit of time below a name of the time, as servo drives write it, is both."""
+    is_unit = own[0] in CLOCK_FACTORS and own[1] is None and is_time(above or "", None)
+    return (above or "", own[0]) if is_unit else own
 
 
 def _labelled_headings(rows: Sequence[list[str]], cells: Sequence[str]) -> Headings | None:

@@ -17,6 +17,8 @@ from fraexp_plugins.readers._shared.record_arrays import COMPLEX_PARTS, check_si
 Answer = TypeVar("Answer")
 REFERENCE_EXPANSION = 8
 """Size of a reference in memory over that in the file."""
+OBJECT_MARK = "MATLAB_object_decode"
+"""Attribute of an object of MATLAB's own: the dataset holds numbers of what is stored elsewhere."""
 MAX_SEARCHED_NODES = 5000
 """Nodes that are searched for names."""
 MAX_DEPTH = 6
@@ -128,7 +130,19 @@ def _is_reference_table(node: Any) -> bool:
 
 
 def _is_numeric(node: Any) -> bool:
-    return _is_dataset(node) and node.dtype.kind in "biufcV" and node.attrs.get("MATLAB_class", b"") != b"char"
+    is_plain = _is_dataset(node) and node.dtype.kind in "biufcV" and node.attrs.get("MATLAB_class", b"") != b"char"
+    return is_plain and OBJECT_MARK not in node.attrs
+
+
+def objects(path: Path) -> dict[str, str]:
+    """Return the class of each object of MATLAB's own, such as timeseries, by the name of the variable."""
+
+    def classes(file: Any) -> dict[str, str]:
+        nodes = {name: _child(file, name) for name in file if not name.startswith("#")}
+        found = {name: node.attrs for name, node in nodes.items() if node is not None and OBJECT_MARK in node.attrs}
+        return {name: bytes(of.get("MATLAB_class", b"")).decode("latin-1") for name, of in found.items()}
+
+    return _apply(path, classes)
 
 
 def _is_complex(node: Any) -> bool:
