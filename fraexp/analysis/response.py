@@ -23,9 +23,7 @@ DECAYS = (0.0, 0.2, 0.4, 0.6, 0.75, 0.9)
 
 
 def find_transient(
-    segments: Sequence[Segment],
-    inputs: Sequence[NDArray[np.complex128]],
-    outputs: Sequence[NDArray[np.complex128]],
+    segments: Sequence[Segment], inputs: Sequence[NDArray[np.complex128]], outputs: Sequence[NDArray[np.complex128]]
 ) -> NDArray[np.float64]:
     """Return the relative error of a mean over the periods by a transient, shape (n,); 0 where a record shows none.
 

@@ -193,9 +193,7 @@ def _document(
 
 
 def _print_differences(
-    sweeps: Sequence[StoredSweep],
-    differences: list[tuple[StoredSweep, Difference | None]],
-    registry: Registry,
+    sweeps: Sequence[StoredSweep], differences: list[tuple[StoredSweep, Difference | None]], registry: Registry
 ) -> None:
     keys = [short_key(sweep.key) for sweep in sweeps]
     units = label_units(((sweep.labels, sweep.sections) for sweep in sweeps), registry)

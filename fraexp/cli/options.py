@@ -334,12 +334,7 @@ COMMANDS = {
     "import": _command(
         "records:import_record",
         "analyse a measured record, or list its contents",
-        _option(
-            "files FILE",
-            f"{RECORD_FILES}; without --channel, list their contents",
-            type=Path,
-            nargs="+",
-        ),
+        _option("files FILE", f"{RECORD_FILES}; without --channel, list their contents", type=Path, nargs="+"),
         CHANNEL,
         *RECORD_OPTIONS,
         _repeated(

@@ -44,9 +44,7 @@ KINDS: Mapping[str, Kind] = {
         "leave the first periods out (skip_periods, --skip-periods), or wait before each frequency",
     ),
     "from rest": Kind(
-        "recorded from rest: the transient is in the response",
-        "a mean over periods does not take a transient off",
-        "",
+        "recorded from rest: the transient is in the response", "a mean over periods does not take a transient off", ""
     ),
     "steady motion": Kind(
         "it moves on in each period, which a mean over periods takes for a part of the response",

@@ -166,10 +166,7 @@ class SweepResult:
         )
 
     def plot(
-        self,
-        kind: str = "",
-        frequency_range: tuple[float, float] | None = None,
-        beside: Sequence["SweepResult"] = (),
+        self, kind: str = "", frequency_range: tuple[float, float] | None = None, beside: Sequence["SweepResult"] = ()
     ) -> "Figure":
         """Return a matplotlib figure: the response with its 95 % band and the simulated plant, or the curves.
 

@@ -22,11 +22,7 @@ def record_section(
     names.sort(key=lambda name: CHANNEL_ORDER.index(name) if name in CHANNEL_ORDER else len(CHANNEL_ORDER))
     segments = [point.as_segment() for point in points]
     channels = {name: name for name in names}
-    return {
-        "file": relative_file(samples, folder),
-        "channels": channels,
-        **played_loop(task, segments),
-    }
+    return {"file": relative_file(samples, folder), "channels": channels, **played_loop(task, segments)}
 
 
 def played_loop(task: MeasurementTask, segments: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -21,12 +21,7 @@ from fraexp.measurement.measurement_plan import (
 )
 from fraexp.measurement.motion_guard import LimitExceededError
 from fraexp.measurement.play_demands import Report, simulate_demands
-from fraexp.measurement.point_measurement import (
-    PointMeasurement,
-    PointProgress,
-    RecordAim,
-    UnsettledError,
-)
+from fraexp.measurement.point_measurement import PointMeasurement, PointProgress, RecordAim, UnsettledError
 from fraexp.measurement.tasks import MeasurementTask
 from fraexp.measurement.watched_machine import WatchedMachine, connect_watched
 

@@ -147,10 +147,7 @@ class ControllerParts:
             "Effective control input: what is left of the thrust once friction is subtracted; it moves the plant",
             blocks.effective_input,
             {**states, **_law_states(friction)},
-            (
-                BlockInput("control", self._force, "control input of this sample"),
-                self._position,
-            ),
+            (BlockInput("control", self._force, "control input of this sample"), self._position),
             {"path": (older_share, *gains, sample_time), **_law(friction)},
             BlockInput("effective", self._force, "effective control input"),
             np.column_stack([control, position]),

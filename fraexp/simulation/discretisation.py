@@ -231,11 +231,7 @@ class _LinearPart(NamedTuple):
 
 
 def _join_lags(
-    plant: Ports,
-    viscous: Mapping[str, float],
-    thrusts: int,
-    lags_in: tuple[float, ...],
-    lags_out: tuple[float, ...],
+    plant: Ports, viscous: Mapping[str, float], thrusts: int, lags_in: tuple[float, ...], lags_out: tuple[float, ...]
 ) -> _LinearPart:
     """Return plant, viscous friction and lags in one state space.
 

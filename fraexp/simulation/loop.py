@@ -61,11 +61,7 @@ def simulate_loop(machine: Machine, excitation: Excitation, progress: Callable[[
 
 
 def _simulate(
-    machine: Machine,
-    setup: Setup,
-    excitation: Excitation,
-    given: Sequence[Period],
-    progress: Callable[[float], None],
+    machine: Machine, setup: Setup, excitation: Excitation, given: Sequence[Period], progress: Callable[[float], None]
 ) -> Signals:
     periods = list(given)
     recorded = _record_periods(setup, excitation, periods, progress)

@@ -211,10 +211,7 @@ field = Table(
 """Names that a filter can use."""
 
 tag = Table(
-    "tag",
-    metadata,
-    _sweep_key_column(primary_key=True),
-    Column("name", EscapedText, primary_key=True, index=True),
+    "tag", metadata, _sweep_key_column(primary_key=True), Column("name", EscapedText, primary_key=True, index=True)
 )
 
 run_sweep = Table(

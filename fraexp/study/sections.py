@@ -12,11 +12,7 @@ from fraexp.simulation.motion_limits import MotionLimits
 from fraexp.study.paths import SETTINGS as OF_A_LOOP
 
 COMPONENTS = {kind.kind: kind for kind in (Plant, FrictionModel, Controller, Excitation, Estimator)}
-SETTINGS: dict[str, type[Parameters]] = {
-    **OF_A_LOOP,
-    "limits": MotionLimits,
-    "measurement": MeasurementSettings,
-}
+SETTINGS: dict[str, type[Parameters]] = {**OF_A_LOOP, "limits": MotionLimits, "measurement": MeasurementSettings}
 SECTIONS = (*COMPONENTS, *SETTINGS, "record")
 MACHINE = ("plant", "friction", "controller", "loop")
 SIGNAL_SECTIONS = ("excitation", "record", "case", "grid", "monte_carlo")

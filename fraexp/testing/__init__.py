@@ -5,12 +5,4 @@ from fraexp.testing.check_report import CheckOutcome, Verdict, conformance, find
 from fraexp.testing.conformance_check import Check
 from fraexp.testing.examples import strategy
 
-__all__ = [
-    "Check",
-    "CheckOutcome",
-    "Verdict",
-    "checks_for",
-    "conformance",
-    "findings",
-    "strategy",
-]
+__all__ = ["Check", "CheckOutcome", "Verdict", "checks_for", "conformance", "findings", "strategy"]

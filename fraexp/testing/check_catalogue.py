@@ -19,11 +19,7 @@ from fraexp.testing.conformance_check import Check
 from fraexp.testing.examples import strategy
 from fraexp.testing.walk import drive_strategy
 
-ANY_KIND = (
-    Check(component_checks.units),
-    Check(component_checks.source),
-    Check(component_checks.presets),
-)
+ANY_KIND = (Check(component_checks.units), Check(component_checks.source), Check(component_checks.presets))
 FRICTION = (
     Check(friction.finite, drive_strategy, 20, 6),
     Check(friction.pure, strategy, 2, 1),

@@ -59,11 +59,7 @@ class InputDialog(Dialog[str | None]):
     ]
 
     def __init__(
-        self,
-        question: str,
-        value: str = "",
-        check: Callable[[str], str] = lambda _: "",
-        offered: Iterable[str] = (),
+        self, question: str, value: str = "", check: Callable[[str], str] = lambda _: "", offered: Iterable[str] = ()
     ) -> None:
         """Ask; `check` returns the fault of an answer, or an empty text; `offered` answers complete the typed text."""
         super().__init__()

@@ -31,10 +31,7 @@ def sweep_loss_text(store: Store, keys: Sequence[str], wanted: str = "") -> str:
     sweeps = [store.find(key) for key in keys]
     tags = sorted({tag for sweep in sweeps for tag in sweep.tags})
     took = sum(sweep.elapsed for sweep in sweeps)
-    told = [
-        *([f"computed in {duration_text(took)}"] if took else []),
-        *([f"tagged {', '.join(tags)}"] if tags else []),
-    ]
+    told = [*([f"computed in {duration_text(took)}"] if took else []), *([f"tagged {', '.join(tags)}"] if tags else [])]
     return "; ".join([lost, *told])
 
 

@@ -65,9 +65,7 @@ COMPARISONS: dict[type[ast.cmpop], tuple[str, Callable[[Any, Any], bool]]] = {
     ast.GtE: (">=", operator.ge), ast.Eq: ("==", operator.eq), ast.NotEq: ("!=", operator.ne),
 }  # fmt: skip
 SUBSET = "expected assignments, if, for over a range, and return, of numbers and elements of arrays"
-REMEDIES: dict[type[ast.stmt], str] = {
-    ast.While: "its time is not bounded: loop over a range, and leave it by break",
-}
+REMEDIES: dict[type[ast.stmt], str] = {ast.While: "its time is not bounded: loop over a range, and leave it by break"}
 REAL_INPUT = object()
 """Stands for an argument that is a real number which changes from call to call."""
 MAX_PASSES = 6

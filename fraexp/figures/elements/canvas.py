@@ -23,12 +23,7 @@ LineStyle = dict[str, Any]
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette (2008), without its yellow, which is too light for a line."""
 Dash = str | tuple[int, tuple[float, ...]]
-DASH_STYLES: tuple[Dash, ...] = (
-    "solid",
-    (0, (4.5, 1.4)),
-    (0, (1.2, 1.2)),
-    (0, (6, 1.4, 1.2, 1.4)),
-)
+DASH_STYLES: tuple[Dash, ...] = ("solid", (0, (4.5, 1.4)), (0, (1.2, 1.2)), (0, (6, 1.4, 1.2, 1.4)))
 REFERENCE_STYLE: LineStyle = {"color": "0.1", "linestyle": (0, (4, 6)), "linewidth": 1.2, "zorder": 4}
 TITLE_CHARACTERS_PER_INCH, TITLE_MARGIN_INCH = 10.5, 0.8
 """Characters of a title per width of the figure, and the width that it cannot use, because it is above the axes."""

@@ -91,10 +91,7 @@ def continuous_phase(
 
 
 def _chain_phases(
-    phase: NDArray[np.float64],
-    known: NDArray[np.bool_],
-    anchor: NDArray[np.float64] | None,
-    start: NDArray[np.float64],
+    phase: NDArray[np.float64], known: NDArray[np.bool_], anchor: NDArray[np.float64] | None, start: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return phases of shape (m, n), each within half a turn of the one before, from `start`, shape (m,), on."""
     chained, previous = np.full(phase.shape, np.nan), start

@@ -18,12 +18,7 @@ from fraexp.figures.elements.facets import by_facet, facet_panels, group_styles
 from fraexp.figures.elements.frequency_lines import LIMIT_COLUMNS, GroupedLine, add_band_legend, curve_limits
 from fraexp.figures.elements.grouping import CurvePlace
 from fraexp.figures.elements.panel_figure import MARK_STYLE, Panel, PanelFamily, PanelFigure, draw_panel
-from fraexp.figures.elements.scales import (
-    DISPLACEMENT_UNITS,
-    FORCE_NAMES,
-    displacement_unit,
-    readable_unit,
-)
+from fraexp.figures.elements.scales import DISPLACEMENT_UNITS, FORCE_NAMES, displacement_unit, readable_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

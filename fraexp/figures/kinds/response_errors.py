@@ -284,11 +284,7 @@ def difference_info(shown: Sequence[ShownResult], title: str = "") -> Difference
 
 
 def difference_curve(
-    label: str,
-    reference: FrequencyResponse,
-    other: FrequencyResponse,
-    key: str = "",
-    place: CurvePlace = OWN_PLACE,
+    label: str, reference: FrequencyResponse, other: FrequencyResponse, key: str = "", place: CurvePlace = OWN_PLACE
 ) -> ErrorCurve | None:
     """Return the difference of `other` from `reference` at the settled frequencies; None if they share none.
 

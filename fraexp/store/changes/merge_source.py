@@ -12,14 +12,7 @@ from fraexp.data.results import Outcome, Result
 from fraexp.data.sweep import Sweep
 from fraexp.store import codec, shared_sections
 from fraexp.store.damage import is_damage, read_tolerantly
-from fraexp.store.digests import (
-    listed_digest,
-    origins_digest,
-    read_result_rows,
-    read_tags,
-    result_digest,
-    tags_digest,
-)
+from fraexp.store.digests import listed_digest, origins_digest, read_result_rows, read_tags, result_digest, tags_digest
 from fraexp.store.tables import Query, RowValues, curve_column, frequency_response, run_sweep, sweep
 from fraexp.store.validation import FOREIGN_DATA_ERRORS
 

@@ -118,10 +118,7 @@ def empty_trash(connection: Connection) -> Deletion:
     for table in TRASH.values():
         connection.execute(delete(table))
     shared_sections.delete_unused_parts(connection)
-    return Deletion(
-        tuple(number for of in gone for number in of.runs),
-        tuple(key for of in gone for key in of.keys),
-    )
+    return Deletion(tuple(number for of in gone for number in of.runs), tuple(key for of in gone for key in of.keys))
 
 
 def _move(

@@ -64,12 +64,7 @@ NAMED_SECTIONS = ("plant", "friction", "controller", "excitation")
 
 
 def begin_run(
-    connection: Connection,
-    study: str,
-    study_file: str,
-    command: str,
-    provenance: Plain,
-    grid: Sequence[Sweep],
+    connection: Connection, study: str, study_file: str, command: str, provenance: Plain, grid: Sequence[Sweep]
 ) -> int:
     """Store a run with its sweeps, all pending, and return its number.
 

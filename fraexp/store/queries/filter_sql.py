@@ -23,18 +23,7 @@ from fraexp.store.queries.filters import (
 )
 from fraexp.store.queries.json_sql import JsonSql
 from fraexp.store.queries.known_names import COMPONENT_COLUMNS, METRIC_PREFIX, KnownNames
-from fraexp.store.tables import (
-    PARTS,
-    STANDING_LATEST,
-    Expression,
-    field,
-    metric,
-    part,
-    run,
-    run_sweep,
-    sweep,
-    tag,
-)
+from fraexp.store.tables import PARTS, STANDING_LATEST, Expression, field, metric, part, run, run_sweep, sweep, tag
 
 Columns = Mapping[str, Expression]
 STATES = ("pending", "computed", "reused", "failed")

@@ -20,9 +20,7 @@ MAX_LISTED_KEYS = 4
 class HelpPage(ModalScreen[None]):
     """Help for the screen below it."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape,question_mark,f1,q,enter", "dismiss", "close"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,question_mark,f1,q,enter", "dismiss", "close")]
 
     def __init__(self, page: Page) -> None:
         super().__init__()

@@ -17,13 +17,7 @@ from fraexp.tui.services.plugin_watch import PluginsChanged
 from fraexp.tui.widgets.filter_line import FilterLine, ListPage
 from fraexp.tui.widgets.paged_table import ListTable
 from fraexp.tui.widgets.text_section import TextSection
-from fraexp.views.components import (
-    Offer,
-    component_document,
-    list_offers,
-    parameter_row,
-    usage_text,
-)
+from fraexp.views.components import Offer, component_document, list_offers, parameter_row, usage_text
 from fraexp.views.listing import Column
 from fraexp.workspace.workspace_service import WorkspaceService
 

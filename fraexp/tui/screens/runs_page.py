@@ -61,7 +61,7 @@ Runs, newest first.
   process lost      its process died; finished sweeps are kept
 Enter opens a run: its sweeps, its log, and the keys that stop it or start it again."""
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("D", "delete", "delete", tooltip="delete the run, and sweeps that no other run has"),
+        Binding("D", "delete", "delete", tooltip="delete the run, and sweeps that no other run has")
     ]
     AUTO_FOCUS = "ListTable"
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual declares it

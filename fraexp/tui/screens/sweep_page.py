@@ -134,10 +134,7 @@ plugins that computed the sweep have changed since.
         results = store.results([sweep.key])
         (sweep,) = mark_damaged([sweep], results)
         return SweepDetails(
-            sweep,
-            results.get(sweep.key),
-            store.log(sweep.key),
-            *computing_and_latest_run(store, sweep),
+            sweep, results.get(sweep.key), store.log(sweep.key), *computing_and_latest_run(store, sweep)
         )
 
     def _show_loss(self, text: str) -> None:

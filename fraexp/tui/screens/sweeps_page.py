@@ -77,9 +77,7 @@ Fields are the columns, tag, run, the path of any parameter, and metric.NAME, fo
 = != >= <= > < or : (contains). A number may have a unit (loop.resolution<=1um). -TERM excludes matches. A single word \
 is searched in all fields. Tab completes names.
 """
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("slash", "filter", "filter", tooltip="edit the filter"),
-    ]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("slash", "filter", "filter", tooltip="edit the filter")]
     AUTO_FOCUS: ClassVar[str | None] = "SweepTable"
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual declares it
 

@@ -74,7 +74,7 @@ class FilteredPage(Page):
     """A page with a table below a `FilterLine`; `show` shows the rows that match."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("slash", "filter", "filter", tooltip="filter by words, which must all match"),
+        Binding("slash", "filter", "filter", tooltip="filter by words, which must all match")
     ]
 
     def filter_rows(self) -> object:

@@ -122,10 +122,7 @@ def _cells(panel: PlotPanel, trace: PlotTrace | None, index: int, view_range: Vi
     text = _number_text(value) if decimals is None else f"{value:.{decimals}f}"
     half = max(value - low, high - value)
     digit = 0.0 if decimals is None else 10.0**-decimals  # the last one shown: limits are no finer, and rounded up
-    return [
-        f"{text} {panel.unit}".rstrip(),
-        "" if half < 0.5 * digit else _band_text(max(half, digit)),
-    ]
+    return [f"{text} {panel.unit}".rstrip(), "" if half < 0.5 * digit else _band_text(max(half, digit))]
 
 
 def _round_to_zero(values: NDArray[np.float64], index: int) -> float:

@@ -19,7 +19,7 @@ class ChangingPage(Page):
     """A screen on which something can be changed in the database, and brought back after a deletion."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("u", "undelete", "undelete", show=False, tooltip="bring back what was deleted last"),
+        Binding("u", "undelete", "undelete", show=False, tooltip="bring back what was deleted last")
     ]
 
     def action_undelete(self) -> None:

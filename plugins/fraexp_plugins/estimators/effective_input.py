@@ -371,13 +371,7 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=15):
             lost = [thrust_terms(self, each) - thrust_terms(delayed(sizes), each) for each in alike.segments]
             return [force + missing for force, missing in zip(terms, lost, strict=True)]
 
-        return ModelErrors(
-            numbers,
-            columns.shape[1],
-            force_terms,
-            inverse_with,
-            forces.stiffness,
-        )
+        return ModelErrors(numbers, columns.shape[1], force_terms, inverse_with, forces.stiffness)
 
     def _dead_time_std(self, signals: Signals) -> float:
         """Return the standard deviation of the dead times together [s]."""

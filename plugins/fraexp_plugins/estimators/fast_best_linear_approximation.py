@@ -142,11 +142,7 @@ class _Band:
         return _Level(np.add.reduce(chances * powers), freedom, doubt / 2 > scatter)
 
     def _power(
-        self,
-        lines: NDArray[np.int64],
-        near: NDArray[np.int64],
-        part: float,
-        weights: NDArray[np.float64],
+        self, lines: NDArray[np.int64], near: NDArray[np.int64], part: float, weights: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return E|E|² at the lines from their neighbours, if a part of the distortions does not follow |Ĝ|²."""
         flat, at = mean(self.gain[near], 1), lines - self.lines[0]

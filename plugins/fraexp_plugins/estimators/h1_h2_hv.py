@@ -123,8 +123,5 @@ class _Spectra:
         along = across * coherence if variant == "hv" else across
         real, imaginary = response.real, response.imag
         mixed = real * imaginary * (along - across)
-        rows = [
-            [real**2 * along + imaginary**2 * across, mixed],
-            [mixed, imaginary**2 * along + real**2 * across],
-        ]
+        rows = [[real**2 * along + imaginary**2 * across, mixed], [mixed, imaginary**2 * along + real**2 * across]]
         return np.moveaxis(np.array(rows), -1, 0)

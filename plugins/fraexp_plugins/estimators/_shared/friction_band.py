@@ -211,10 +211,7 @@ def with_inverse(
 
 
 def with_standstill(
-    found: Result,
-    error: NDArray[np.float64] | NDArray[np.complex128],
-    share: float,
-    contacts: Sequence[str] = (),
+    found: Result, error: NDArray[np.float64] | NDArray[np.complex128], share: float, contacts: Sequence[str] = ()
 ) -> Result:
     """Return a result whose band contains the relative error by standstill as a standard deviation, shape (n,).
 

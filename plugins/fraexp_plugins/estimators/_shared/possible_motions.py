@@ -13,15 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fraexp.api import (
-    FrequencyResponse,
-    Motion,
-    Segment,
-    Signals,
-    fourier_sums,
-    path_response,
-    phasors,
-)
+from fraexp.api import FrequencyResponse, Motion, Segment, Signals, fourier_sums, path_response, phasors
 from fraexp_plugins.estimators._shared.contacts import ContactForces, ContactFriction
 from fraexp_plugins.estimators._shared.effective_input_observer import RUNS_AT_ONCE, ObserverEstimator
 from fraexp_plugins.estimators._shared.friction_posterior import ForceErrors, MotionErrors, harmonic_lines
