@@ -23,6 +23,7 @@ import fraexp.api
 import fraexp.tui
 from fraexp.cli.exits import ExitCode
 from fraexp.cli.main import _parser
+from fraexp.cli.options import COMMANDS
 from fraexp.components.kinds import KINDS, Component, nested_kind
 from fraexp.components.measurement_settings import MeasurementSettings
 from fraexp.components.parameters import Parameters, inherited_from, unit_of
@@ -351,7 +352,7 @@ def _key_text(key: str) -> str:
 def _commands() -> list[str]:
     lines = ["# Commands and options", "", "The same as `fraexp COMMAND --help`.", "", "## Exit codes", ""]
     lines += _table(["code", "meaning"], ([str(code.value), code.sentence] for code in ExitCode))
-    parser = _parser()
+    parser = _parser(list(COMMANDS))
     common = [action for action in parser._actions if action.option_strings]
     known = {option for action in common for option in action.option_strings}
     lines += ["", "## Options of every command", "", *_options(common)]

@@ -50,7 +50,9 @@ def interval_factor(freedom: NDArray[np.float64] | float) -> NDArray[np.float64]
     A standard deviation that is known has infinitely many degrees of freedom, and a factor of 1.96. Fewer than one give
     NaN.
     """
-    from scipy.special import stdtrit  # a fifth of a second, and only limits need it
+    if np.isposinf(freedom).all():
+        return np.full(np.shape(freedom), NORMAL_QUANTILE)
+    from scipy.special import stdtrit  # a tenth of a second, and only limits from few periods need it
 
     return np.asarray(stdtrit(np.where(np.asarray(freedom) >= 1, freedom, np.nan), (1 + CONFIDENCE_LEVEL) / 2))
 

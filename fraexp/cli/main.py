@@ -17,7 +17,6 @@ from argparse import Namespace
 from collections.abc import Iterable, Sequence
 from itertools import takewhile
 from pathlib import Path
-from types import ModuleType
 from typing import Any, NoReturn
 
 from fraexp.cli.exits import ExitCode
@@ -96,7 +95,8 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     defaults = argparse.Namespace(
         db=os.environ.get(DATABASE_VARIABLE) or None, workspace=Path(), debug=False, command=None, version=False
     )
-    given, parser = list(sys.argv[1:] if arguments is None else arguments), _parser()
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    parser = _parser(given)
     parser.check_options(takewhile(lambda text: text not in COMMANDS, given))
     parsed = parser.parse_args(given, defaults)
     if parsed.command is None and not parsed.version:
@@ -104,7 +104,8 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     return parsed
 
 
-def _parser() -> Parser:
+def _parser(given: Sequence[str]) -> Parser:
+    """Return the parser, in which only those commands have their options whose names are given."""
     common = _CommandParser(add_help=False, argument_default=argparse.SUPPRESS)
     group = common.add_argument_group("options of every command")
     for option in COMMON_OPTIONS:
@@ -122,17 +123,23 @@ def _parser() -> Parser:
     for name, (_, summary, options) in COMMANDS.items():
         description = summary[0].upper() + summary[1:] + "."
         command = commands.add_parser(name, parents=[common], help=summary, description=description, allow_abbrev=False)
-        for option in options:
+        for option in options if name in given else ():
             command.add_argument(*option.names, **option.settings)
     return parser
 
 
+ALLOCATION_THRESHOLD = 100_000
+"""Allocations until a collection of new objects: most that a command makes are of imported modules, and stay."""
+
+
 def console() -> None:
     """Run the command of this process, and end it with its exit code."""
+    gc.set_threshold(ALLOCATION_THRESHOLD, 10, 10)
     open_closed_streams()
     watch_output()
     _end_by_signals()
     code = main()
+    gc.freeze()  # the interpreter would look through all imported objects twice before it ends
     discard_unwritable(sys.stdout)
     discard_unwritable(sys.stderr)  # or the flush at exit replaces the code by one of Python's
     if code == ExitCode.INTERRUPTED:
@@ -247,16 +254,4 @@ def _execute(parsed: Namespace) -> int:
         print(gather_provenance()["fraexp"])
         return ExitCode.OK
     module, _, function = COMMANDS[parsed.command].target.partition(":")
-    return int(getattr(_import_command(f"fraexp.cli.{module}"), function or "execute")(parsed))
-
-
-def _import_command(name: str) -> ModuleType:
-    """Import a command; the garbage collector skips the imported modules, which saves time at the start and later."""
-    if name in sys.modules or not gc.isenabled():
-        return importlib.import_module(name)
-    gc.disable()
-    try:
-        return importlib.import_module(name)
-    finally:
-        gc.freeze()
-        gc.enable()
+    return int(getattr(importlib.import_module(f"fraexp.cli.{module}"), function or "execute")(parsed))

@@ -7,7 +7,6 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from fraexp import records
 from fraexp.components.first_trial import first_trial, friction_specs
 from fraexp.components.kinds import Estimator, Excitation, FrictionModel
 from fraexp.components.registry import Registry, create, discover
@@ -100,6 +99,8 @@ def registry_of(folder: str) -> Registry:
 def load_signals(job: Job, registry: Registry, progress: ReportProgress) -> Signals:
     """Return the signals of an experiment: a simulated loop, a driven friction model, or a record."""
     if job.experiment["source"] == "record":
+        from fraexp import records  # most experiments are simulated
+
         return records.load(job.experiment, job.files, registry)
     signals = _simulate(job.experiment, registry, progress)
     return rotary_signals(signals) if is_rotary(job.experiment) else signals

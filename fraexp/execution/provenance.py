@@ -47,8 +47,7 @@ def usable_cores() -> int:
 def _read_project() -> tuple[str | None, list[str]]:
     """Return version and names of the required packages, from the installed package or the checkout."""
     try:
-        installed = metadata.metadata("fraexp")
-        return installed["Version"], _package_names(metadata.requires("fraexp") or [])
+        return next(iter(_header("fraexp", "Version")), None), _package_names(_header("fraexp", "Requires-Dist"))
     except metadata.PackageNotFoundError:
         pass
     try:
@@ -65,9 +64,16 @@ def _package_names(requirements: list[str]) -> list[str]:
 
 def _installed_version(name: str) -> str | None:
     try:
-        return metadata.version(name)
+        return next(iter(_header(name, "Version")), None)
     except metadata.PackageNotFoundError:
         return None
+
+
+def _header(name: str, header: str) -> list[str]:
+    """Return what an installed package states under a header; importlib.metadata also parses its whole description."""
+    installed = metadata.distribution(name)
+    headers, _, _ = (installed.read_text("METADATA") or installed.read_text("PKG-INFO") or "").partition("\n\n")
+    return re.findall(rf"^{header}: (.+)$", headers, re.MULTILINE)
 
 
 def _git_state(folder: Path) -> dict[str, object] | None:

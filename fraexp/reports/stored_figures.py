@@ -17,13 +17,14 @@ from fraexp.figures.elements.labels import curve_names, describe_draws
 from fraexp.figures.elements.scales import PLANT_UNITS
 from fraexp.figures.elements.stamp import is_current, stamp_digest
 from fraexp.figures.elements.view import FULL_VIEW, View
-from fraexp.figures.kinds.bode import Reference
 from fraexp.simulation.machine import reference_response
 from fraexp.store import Store, StoredSweep, leave_out_damaged
 from fraexp.study.paths import label_units
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from fraexp.figures.kinds.bode import Reference
 
 AMPLITUDE_PATH = "excitation.amplitude"
 """Path of the excitation's amplitude in a study."""
@@ -172,7 +173,7 @@ class StoredFigures:
         unit = label_units([({AMPLITUDE_PATH: value}, sweep.experiment)], self.registry).get(AMPLITUDE_PATH, "")
         return replace(shown, amplitude=float(value), amplitude_unit=unit)
 
-    def reference(self, sweeps: Sequence[StoredSweep], results: Mapping[str, Result]) -> Reference | None:
+    def reference(self, sweeps: Sequence[StoredSweep], results: Mapping[str, Result]) -> "Reference | None":
         """Return label, frequency [Hz] and P(jω) [m/N] if all sweeps show the same response of the same plant."""
         responses = [results[sweep.key].response for sweep in sweeps]
         shown = [response for response in responses if response and response.unit in PLANT_UNITS]

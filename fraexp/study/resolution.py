@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fraexp import records
 from fraexp.components.kinds import KINDS_BY_PORT, Excitation, Plant, nested_kind
 from fraexp.components.parameters import Parameters, inherited_from
 from fraexp.components.registry import Registry, create
@@ -286,6 +285,8 @@ class Resolver:
                 )
 
     def _make_record(self, section: Any, where: str) -> tuple[Plain, Mapping[str, str]]:
+        from fraexp import records  # most studies have none
+
         try:
             settings = records.RecordSettings.parse(section, "record")
             experiment, files = records.resolve(settings, self._file.parent, self._registry)

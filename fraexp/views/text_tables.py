@@ -165,7 +165,7 @@ def reference_frequencies(responses: Sequence[FrequencyResponse]) -> tuple[dict[
     """Return frequencies [Hz] of the first response by column title, and the unit of 0 dB."""
     if len({response.unit for response in responses}) != 1:
         return {}, ""
-    grid = np.unique(responses[0].frequency)
+    grid = np.sort(responses[0].frequency)
     inside = [
         spot
         for spot in REFERENCE_FREQUENCIES_HZ

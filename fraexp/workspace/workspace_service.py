@@ -7,6 +7,7 @@ from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fraexp.components.kinds import Plant
 from fraexp.data.results import Result
@@ -17,15 +18,16 @@ from fraexp.execution.database_retry import DatabaseRetry
 from fraexp.execution.events import Ended, Event, Noticed, Planned
 from fraexp.execution.executors import ResourceLimits
 from fraexp.execution.scheduler import RunOptions
-from fraexp.records.first_look import Choice, RecordLook, choose, find_levels, identification_study
-from fraexp.records.study_writer import ImportRequest, is_same_study, study_data, write_study
 from fraexp.reports.published_comparisons import figure_name, run_title
 from fraexp.reports.stored_figures import StoredFigures
 from fraexp.store import RunSummary, Store, StoredSweep
 from fraexp.study.catalogue import StudyEntry, catalogue
 from fraexp.study.study_file import ResolvedStudy, find_studies, find_study, load, outline, read, resolve
-from fraexp.workspace import fit_specs
 from fraexp.workspace.workspace_folder import WorkspaceFolder
+
+if TYPE_CHECKING:  # a run needs neither records nor fits: they are imported where they are used
+    from fraexp.records.first_look import Choice, RecordLook
+    from fraexp.records.study_writer import ImportRequest
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,8 @@ class WorkspaceService(WorkspaceFolder):
         `settings` are texts such as ``modes=2`` for the estimator that fits: the one called `using`, or the one that
         there is.
         """
+        from fraexp.workspace import fit_specs
+
         fitting = fit_specs.fit_estimator(self.registry, using, kind)
         wrapped = fit_specs.as_fit_sweeps(sweeps, fitting, settings, self.registry, self.record_files)
         word = "fit" if kind == Plant.kind else "tune"
@@ -132,14 +136,19 @@ class WorkspaceService(WorkspaceFolder):
 
     def models(self, result: Result) -> dict[str, dict[str, object]]:
         """Return state space and transfer function of fitted plants, by kind."""
+        from fraexp.workspace import fit_specs
+
         return {fit.kind: fit_specs.matrices(fit, self.registry) for fit in result.fits if fit.kind == Plant.kind}
 
-    def import_record(self, request: ImportRequest, target: Path | None = None) -> Generator[Event, None, None]:
+    def import_record(self, request: "ImportRequest", target: Path | None = None) -> Generator[Event, None, None]:
         """Write a study that analyses measured records, and run it.
 
         The study is ``studies/<name of the first file>.toml`` unless `target` is given; nothing is written if a record
         is invalid. Files without an estimator that are records at several amplitudes are identified together.
         """
+        from fraexp.records.first_look import choose, find_levels
+        from fraexp.records.study_writer import study_data
+
         path = self._study_path(request, target)
         is_chosen = request.estimators or request.each_file or request.options.get("join_files")
         look = find_levels(request, self.registry) if len(request.files) > 1 and not is_chosen else None
@@ -149,17 +158,21 @@ class WorkspaceService(WorkspaceFolder):
             yield from self.identify(request, look, choose(look), target)
 
     def identify(
-        self, request: ImportRequest, look: RecordLook, choice: Choice, target: Path | None = None
+        self, request: "ImportRequest", look: "RecordLook", choice: "Choice", target: Path | None = None
     ) -> Generator[Event, None, None]:
         """Write the study that applies an estimator to all records of one machine, and run it, as `import_record`."""
+        from fraexp.records.first_look import identification_study
+
         path = self._study_path(request, target)
         data = identification_study(request, look, choice, path.parent, self.registry)
         yield from self._run_written(path if target else _free_path(path, data), data)
 
-    def _study_path(self, request: ImportRequest, target: Path | None) -> Path:
+    def _study_path(self, request: "ImportRequest", target: Path | None) -> Path:
         return target or self.folder / "studies" / f"{request.stem}.toml"
 
     def _run_written(self, path: Path, data: Mapping[str, object]) -> Generator[Event, None, None]:
+        from fraexp.records.study_writer import is_same_study, write_study
+
         resolve(path.stem, path, data, self.folder, self.registry)
         if path.suffix != ".toml":
             raise StudyError(f"{path}: a study is a file that ends in .toml; choose another one, such as --study")
@@ -276,5 +289,7 @@ class WorkspaceService(WorkspaceFolder):
 
 def _free_path(path: Path, data: Mapping[str, object]) -> Path:
     """Return a path, or if another study is there the first one with a number at which there is none or the same."""
+    from fraexp.records.study_writer import is_same_study
+
     numbered = (path.with_stem(f"{path.stem}-{number}") for number in count(2))
     return next(of for of in chain([path], numbered) if not of.exists() or is_same_study(of, data))
