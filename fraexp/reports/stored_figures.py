@@ -1,5 +1,6 @@
 """Figures of stored results, with the simulated plant, for the command line, the terminal UI and reports."""
 
+import pickle
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from fraexp.components.registry import Registry
 from fraexp.data.figure_kinds import AGAINST_PLANT, OF_METRICS
+from fraexp.data.identity import content_hash
 from fraexp.data.results import FrequencyResponse, Result
 from fraexp.errors import FraexpError, PluginError, StoreError
 from fraexp.figures.elements.grouping import ShownResult, group_sweeps
@@ -88,7 +90,8 @@ class StoredFigures:
         view: View,
         by: Sequence[str] | None,
     ) -> bool:
-        stamp = [f"{sweep.key} {sweep.created} {sorted(sweep.labels.items())}" for sweep in sweeps] + [title]
+        stamp = [f"{sweep.key} {_content(results[sweep.key])} {sorted(sweep.labels.items())}" for sweep in sweeps]
+        stamp += [title]
         stamp += [f"by {path}" for path in by] if by is not None else []
         stamp += [f"as {kind}"] if kind else []
         stamp += view.options()
@@ -185,6 +188,11 @@ class StoredFigures:
         frequency = np.geomspace(everything.min(), everything.max(), REFERENCE_POINTS)
         plant = reference_response(sweeps[0].experiment, frequency, self.registry, outputs.pop())
         return "P(s), linear plant", frequency, plant
+
+
+def _content(result: Result) -> str:
+    """Return a hash of what a result says: whoever computes the same again keeps the figure."""
+    return content_hash(pickle.dumps(replace(result, elapsed=0.0), pickle.HIGHEST_PROTOCOL))
 
 
 def _ports_of_loop(sweep: StoredSweep) -> tuple[object, object]:

@@ -15,7 +15,7 @@ FILE_ENDINGS = {".png": b"IEND\xaeB`\x82", ".svg": b"</svg>", ".pdf": b"%%EOF"}
 def stamp_digest(keys: Iterable[str]) -> str:
     """Return the stamp of a figure with these contents, in this order.
 
-    `keys` are the keys of the sweeps and all else that changes the figure: labels, title, time of computation.
+    `keys` are the keys of the sweeps and all else that changes the figure: results, labels, title.
     """
     return key_of({"drawing": DRAWING_VERSION, "keys": list(keys)})
 
