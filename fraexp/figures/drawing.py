@@ -5,9 +5,7 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, NamedTuple
-
-from matplotlib.figure import Figure
+from typing import IO, TYPE_CHECKING, NamedTuple
 
 from fraexp.data.atomic_file import atomic_file
 from fraexp.data.results import EXTREMUM_CURVES, Curve
@@ -32,6 +30,9 @@ from fraexp.figures.kinds.distribution import distribution_info
 from fraexp.figures.kinds.nyquist import draw_nyquist, nyquist_info
 from fraexp.figures.kinds.response_errors import difference_figure, difference_info, errors_figure, errors_info
 from fraexp.figures.kinds.response_quality import coherence_info, levels_info
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FACET_KINDS = ("hysteresis", "positioning", "curves", "errors", "difference", "coherence", "nyquist")
 """Kinds of figures that have facets but no map."""
@@ -65,7 +66,7 @@ def draw_figure(
     title: str = "",
     kind: str = "",
     view: View = FULL_VIEW,
-) -> Figure:
+) -> "Figure":
     """Return a figure of results: of a kind in `FIGURES`, or of the default one.
 
     The default is a Bode plot if any result has a response, otherwise hysteresis loops if each result has one,
@@ -86,7 +87,7 @@ def draw_figure(
     return figure
 
 
-def _draw_bode(of: _FigureRequest) -> Figure:
+def _draw_bode(of: _FigureRequest) -> "Figure":
     """Draw responses as a Bode plot, or as a map if there are too many groups for lines."""
     shown = [one for one in of.shown if one.response is not None]
     if any(one.place and one.place.is_mapped for one in shown):
@@ -112,7 +113,7 @@ def _default_kind(request: _FigureRequest) -> str:
     return "positioning" if request.curves(is_positioning)[0] else "curves"
 
 
-DRAWING_FUNCTIONS: dict[str, Callable[[_FigureRequest], Figure]] = {
+DRAWING_FUNCTIONS: dict[str, Callable[[_FigureRequest], "Figure"]] = {
     "bode": _draw_bode,
     "errors": lambda of: draw_panels(errors_figure(errors_info(of.shown, of.title))),
     "amplitude_map": lambda of: draw_amplitude_map(amplitude_map_info(of.shown, of.title)),
@@ -128,7 +129,7 @@ DRAWING_FUNCTIONS: dict[str, Callable[[_FigureRequest], Figure]] = {
 """What draws each kind of figure."""
 
 
-def save_figure(figure: Figure, path: Path, keys: Sequence[str]) -> None:
+def save_figure(figure: "Figure", path: Path, keys: Sequence[str]) -> None:
     """Write a figure as PNG, SVG or PDF, by the file's suffix, with a stamp of its contents (see `stamp_digest`).
 
     The same figure gives the same bytes; the file appears complete or not at all.
@@ -138,7 +139,7 @@ def save_figure(figure: Figure, path: Path, keys: Sequence[str]) -> None:
         _write(figure, stream, suffix, stamp_digest(keys))
 
 
-def _write(figure: Figure, target: IO[bytes], suffix: str, stamp: str) -> None:
+def _write(figure: "Figure", target: IO[bytes], suffix: str, stamp: str) -> None:
     metadata: dict[str, dict[str, str | None]] = {
         ".png": {"Software": "fraexp", "Description": stamp},
         ".svg": {"Creator": "fraexp", "Date": None, "Identifier": stamp},

@@ -87,12 +87,27 @@ def laid_out(figure: "Figure") -> Iterator[None]:
         figure.set_layout_engine(engine)
 
 
+def _import_figure() -> "type[Figure]":
+    """Return matplotlib's class of figures.
+
+    Each class of matplotlib lists its properties in a docstring when it is imported, for a third of the whole time.
+    """
+    from matplotlib import artist as artists
+
+    list_properties, artists.kwdoc = artists.kwdoc, lambda artist: ""
+    try:
+        from matplotlib.figure import Figure
+    finally:
+        artists.kwdoc = list_properties
+    return Figure
+
+
 def new_figure(width: float, height: float) -> "Figure":
     """Return an empty figure of a size [inch], with its own canvas and without global state."""
+    figure_class = _import_figure()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = figure_class(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     setattr(figure, "_repr_png_", lambda: png_bytes(figure))  # noqa: B010 - a notebook shows it in its cell
     return figure
