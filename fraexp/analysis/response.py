@@ -211,8 +211,8 @@ def _check_realisations(segments: Sequence[Segment]) -> None:
         frequency = np.frombuffer(lines, dtype=np.int64) / (samples * sample_time)
         raise RecordError(
             f"{count} of {len(segments)} segments have the same frequencies, {frequency_text(frequency)}, and this "
-            "estimator expects each frequency once: it does not average over realisations or amplitudes; use one that "
-            "does, such as best_linear_approximation, or measure each frequency once"
+            "estimator expects each frequency once: it does not average over realisations or amplitudes; take "
+            "best_linear_approximation for realisations, fraexp identify for amplitudes, or measure each frequency once"
         )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from fraexp.analysis.fourier import line_amplitude, phasors
 from fraexp.analysis.quantisation import grid_step
+from fraexp.analysis.response import response_result
 from fraexp.components.registry import Registry
 from fraexp.data import toml
 from fraexp.data.signals import Segment, Signals
@@ -56,6 +57,8 @@ class RecordLook(NamedTuple):
     """Number of amplitudes at a frequency that are further apart than `LEVEL_RATIO`, the median over frequencies."""
     resolution: float
     """Quantisation step of the position [its unit]; 0 if it is as good as continuous."""
+    skipped: int = 0
+    """Number of first periods that are left out."""
 
 
 class Choice(NamedTuple):
@@ -83,7 +86,35 @@ def with_channels(request: ImportRequest, registry: Registry) -> ImportRequest:
     known = {key: value for key, value in proposal.options.items() if value not in PLACEHOLDERS}
     if not CUTTING_KEYS.isdisjoint(request.options):
         known = {key: value for key, value in known.items() if key not in CUTTING_KEYS}
-    return replace(request, channels=request.channels or proposal.channels, options={**known, **request.options})
+    found = replace(request, channels=request.channels or proposal.channels, options={**known, **request.options})
+    skipped = {} if {"skip_periods", "skip_time"} & found.options.keys() else _skipped_periods(found, registry)
+    return replace(found, options={**found.options, **skipped})
+
+
+def _skipped_periods(request: ImportRequest, registry: Registry) -> dict[str, float | bool | str]:
+    """Return the option that leaves out the first periods, up to half of them, in which the machine was settling."""
+    try:
+        settings, _, signals = _read(request, registry)
+    except RecordError:  # the look at the records says why
+        return {}
+    names = [name for name in request.channels if name not in INJECTED_CHANNELS][:2]
+    if is_response(settings.channels) or len(names) < 2 or not signals.segments[0].periodic:
+        return {}
+
+    def unsettled(skipped: int) -> int:
+        """Count the lines of segments that still settle without so many of their first blocks."""
+        count = 0
+        for segment in signals.segments:
+            phases = ([phasors(segment, name)[skipped:]] for name in names)
+            units = signals.units[names[0]], signals.units[names[1]]
+            found = response_result(
+                replace(signals, segments=(segment,)), *phases, names=(names[0], names[1]), units=units
+            )
+            count += sum(len(of.frequencies) for of in found.findings if of.kind == "still settling")
+        return count
+
+    fewest = min(range(min(len(of.channels[names[0]]) for of in signals.segments) // 2 + 1), key=unsettled)
+    return {"skip_periods": fewest} if fewest else {}
 
 
 def _check_files(files: Sequence[Path]) -> None:
@@ -103,10 +134,7 @@ def find_levels(request: ImportRequest, registry: Registry) -> RecordLook | None
 
 def look_at(request: ImportRequest, registry: Registry) -> RecordLook:
     """Return what is to be seen in the records of a request; RecordError if they are none of one axis."""
-    section = {"file": [str(file) for file in request.files], "channels": dict(request.channels), **request.options}
-    settings = RecordSettings.parse(section, "record")
-    experiment, paths = resolve(settings, Path(), registry)
-    signals = load(experiment, paths, registry)
+    settings, experiment, signals = _read(request, registry)
     if is_response(settings.channels):
         return RecordLook("", _frequencies(signals), (), 1, 0.0)
     channels = [name for name in request.channels if name not in INJECTED_CHANNELS]
@@ -137,7 +165,16 @@ def look_at(request: ImportRequest, registry: Registry) -> RecordLook:
         by_file[plain.get("part", 0)].append(segment)
     sizes = (np.median([line_amplitude(segment, source) for segment in segments]) for segments in by_file.values())
     levels = _level_count(signals, source)
-    return RecordLook(units[0], _frequencies(signals), tuple(map(float, sizes)), levels, _rounded(min(steps)))
+    amplitudes, resolution = tuple(map(float, sizes)), _rounded(min(steps))
+    return RecordLook(units[0], _frequencies(signals), amplitudes, levels, resolution, settings.skip_periods)
+
+
+def _read(request: ImportRequest, registry: Registry) -> tuple[RecordSettings, dict[str, Any], Signals]:
+    """Return settings, experiment and signals of the records of a request."""
+    section = {"file": [str(file) for file in request.files], "channels": dict(request.channels), **request.options}
+    settings = RecordSettings.parse(section, "record")
+    experiment, paths = resolve(settings, Path(), registry)
+    return settings, experiment, load(experiment, paths, registry)
 
 
 def _rounded(value: float) -> float:

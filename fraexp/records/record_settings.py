@@ -171,6 +171,11 @@ class RecordSettings(Parameters):
         given = (name for name in INJECTED_CHANNELS if name in self.channels)
         return self.line_channel or next(given, self.reference)
 
+    @property
+    def has_stated_runs(self) -> bool:
+        """Whether the study says where segments or realisations begin."""
+        return bool(self.select or self.segment_column or self.periods_per_realisation)
+
     def parts(self) -> Iterator[tuple[tuple[str, ...], Self]]:
         """Yield each file, or all that are joined, and its settings for each realisation, without placeholders.
 

@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,6 +103,19 @@ def _check_changes(swing: NDArray[np.float64], name: str, place: str) -> None:
     elif changes.size == 1:
         remedy = f"if it was still settling, give skip_periods = {changes[0]} (--skip-periods {changes[0]})"
     raise RecordError(f"{place}: '{name}' is another signal from period {changes[0] + 1} on; {remedy}")
+
+
+def split_levels(run: tuple[int, int], channel: NDArray[np.float64], period: float) -> list[tuple[int, int]]:
+    """Return the parts of a run [samples] between whose periods an input changes its level; by default the run itself.
+
+    A part has two periods or more: a single one may be a transient, or a pause.
+    """
+    edges = run[0] + np.rint(np.arange(int((run[1] - run[0]) / period) + 1) * period).astype(int)
+    levels = np.array([np.std(channel[start:stop]) for start, stop in pairwise(edges.tolist())])
+    low, high = np.minimum(levels[1:], levels[:-1]), np.maximum(levels[1:], levels[:-1])
+    parts = np.split(np.arange(levels.size), np.flatnonzero(high > MAX_LEVEL_RATIO * low) + 1)
+    kept = [part for part in parts if part.size >= MIN_BLOCKS and levels[part].min() > 0]
+    return [(int(edges[of[0]]), int(edges[of[-1] + 1])) for of in kept] if len(kept) > 1 else [run]
 
 
 def period_hint(period: int, rate: float, samples: int | None = None) -> str:
@@ -451,18 +465,21 @@ def _check_excited(lines: list[int], blocks: NDArray[np.float64], spacing: float
 def common_lines(cuts: Sequence[Cut]) -> list[Cut]:
     """Return cuts whose lines are those that most of them have, where noise alone makes them differ.
 
-    Realisations are recognised by equal lines. If more than a few differ, as with random grids, all cuts are kept.
+    Realisations are recognised by equal lines. If more than a few differ, friction or feedback may have added some,
+    more at one amplitude than at another: the excited ones are in all cuts. With random grids all cuts are kept.
     """
     found = list(cuts)
     for shape in {(cut.samples, cut.sample_time) for cut in cuts}:
         places = [place for place, cut in enumerate(cuts) if (cut.samples, cut.sample_time) == shape]
         counts = Counter(line for place in places for line in cuts[place].lines)
         most = {line for line, count in counts.items() if count > len(places) / 2}
-        if all(
-            len(most.symmetric_difference(cuts[place].lines)) <= MAX_LINE_DIFFERENCE * len(most) for place in places
-        ):
-            for place in places:
-                found[place] = replace(cuts[place], lines=tuple(sorted(most)))
+        shared = set.intersection(*(set(cuts[place].lines) for place in places))
+        fewest = min(len(cuts[place].lines) for place in places)
+        differences = [len(most.symmetric_difference(cuts[place].lines)) for place in places]
+        if max(differences) > MAX_LINE_DIFFERENCE * len(most):
+            most = shared if fewest - len(shared) <= MAX_LINE_DIFFERENCE * fewest else set()
+        for place in places if most else ():
+            found[place] = replace(cuts[place], lines=tuple(sorted(most)))
     return found
 
 

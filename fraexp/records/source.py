@@ -3,7 +3,7 @@
 import itertools
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +28,7 @@ from fraexp.records.cutting import (
     played_cuts,
     select_runs,
     split_realisations,
+    stated_period,
     step_cuts,
     whole_cut,
 )
@@ -42,6 +43,7 @@ from fraexp.records.repeats import (
     find_doubtful_lines,
     missing_period_error,
     select_lines,
+    split_levels,
 )
 from fraexp.records.resampling import plan_sampling, sampled_table, sampling_columns, sampling_text
 from fraexp.records.stated_response import is_response, load_response, resolve_response, response_columns
@@ -71,6 +73,10 @@ class _RecordPart:
         joined = {"joined": [file_hash(path) for path in self.paths[1:]]} if len(self.paths) > 1 else {}
         return {"hash": file_hash(self.path), **joined, "channels": self.channels, **sampling}
 
+    def levels(self) -> list["_RecordPart"]:
+        """Return the part once for each of its cuts, which are the levels of one run: as if each had its own file."""
+        return [replace(self, cuts=[cut]) for cut in self.cuts]
+
     @property
     def path(self) -> Path:
         """The first file, which messages name."""
@@ -92,7 +98,9 @@ def resolve(settings: RecordSettings, base_folder: Path, registry: Registry) -> 
     check_keys(settings, of_response)
     if of_response:
         return _resolve_response(settings, base_folder, registry)
-    parts = [_resolve_part(one, base_folder, files, registry) for files, one in settings.parts()]
+    found = (_resolve_part(one, base_folder, files, registry) for files, one in settings.parts())
+    is_split = bool(settings.samples_per_period or settings.period_time) and not settings.has_stated_runs
+    parts = [level for part in found for level in (part.levels() if is_split else [part])]
     _check_alike(parts)
     cuts = [cut for part in parts for cut in part.cuts]
     if len(cuts) > 1 and not (settings.steps or settings.frequency_column or settings.segments):
@@ -273,7 +281,10 @@ def _plan_cuts(
     if ways[0] in ("samples_per_period", "period_time"):
         cuts = []
         for place, whole in runs:
-            for run in split_realisations(settings, rate, whole, place):
+            parts = split_realisations(settings, rate, whole, place)
+            for run in (
+                parts if settings.has_stated_runs else split_levels(whole, channel, stated_period(settings, rate))
+            ):
                 cut = periodic_cut(settings, rate, run, place)
                 check_repeats(cut, channel[: run[1]], rate, name, place)
                 cuts.append(select_lines(settings, cut, values, place))

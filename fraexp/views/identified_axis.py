@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from fraexp.analysis.confidence import NORMAL_QUANTILE, BandReach
-from fraexp.data.results import EXTREMUM_CURVES, Curve, Fit, Outcome, Result
+from fraexp.data.results import EXTREMUM_CURVES, Curve, Fit, FrequencyResponse, Outcome, Result
 from fraexp.data.texts import frequency_text
 from fraexp.records.first_look import Choice, RecordLook
 from fraexp.views.result_rows import fit_rows
@@ -72,10 +72,16 @@ def _contradiction(results: Mapping[str, Result]) -> str:
         frequency, *places = np.intersect1d(first.frequency, second.frequency, return_indices=True)
         for highest, a, b in list(zip(frequency, *places, strict=True))[-1:]:
             change = np.log(second.response[b] / first.response[a])
-            least.append((change, f"{one} and {other} contradict each other, at {highest:.4g} Hz by"))
+            if abs(change) > NORMAL_QUANTILE * (_relative_deviation(first, a) + _relative_deviation(second, b)):
+                least.append((change, f"{one} and {other} contradict each other, at {highest:.4g} Hz by"))
     size, text = max(least, key=lambda found: abs(found[0]), default=(0j, ""))
     level, angle = 20 / np.log(10) * size.real, np.degrees(size.imag)
-    return f"{text} {level:.3g} dB and {angle:.3g}°; correct unit, gain or sign of a column" if text else ""
+    remedy = "correct unit, gain or sign of a column, or leave out a record in which friction holds the axis"
+    return f"{text} {level:.3g} dB and {angle:.3g}°; {remedy}" if text else ""
+
+
+def _relative_deviation(of: FrequencyResponse, at: int) -> float:
+    return float(np.sqrt(np.trace(of.covariance[at])) / abs(of.response[at]))
 
 
 def _records_text(files: Sequence[Path], look: RecordLook) -> str:
@@ -85,7 +91,8 @@ def _records_text(files: Sequence[Path], look: RecordLook) -> str:
     count = plural(len(look.frequencies), "frequency", "frequencies")
     text = f"{names}: {count} of {frequency_text(look.frequencies)}"
     sizes = " and ".join(with_unit(number_text(size, 3), look.unit) for size in look.amplitudes)
-    return f"{text}, input of {sizes}" if sizes else text
+    left_out = f", without the first {plural(look.skipped, 'period')}" if look.skipped else ""
+    return f"{text}, input of {sizes}{left_out}" if sizes else text
 
 
 def _friction_text(look: RecordLook, result: Result) -> str:

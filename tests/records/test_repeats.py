@@ -10,7 +10,7 @@ import pytest
 from fraexp.data.signals import Signals
 from fraexp.errors import RecordError
 from fraexp.records.cutting import Cut
-from fraexp.records.repeats import check_repeats, detect_period
+from fraexp.records.repeats import check_repeats, common_lines, detect_period
 from tests.examples import some
 
 RATE = 1000.0
@@ -35,6 +35,11 @@ def disturbance(rng: np.random.Generator, kind: str, size: int) -> np.ndarray:
         "hum": np.cos(2 * np.pi * rng.uniform(0.003, 0.3) * n),
     }[kind]
     return np.asarray(made / made.std())
+
+
+def test_lines_that_friction_adds_at_one_amplitude_are_left_out() -> None:
+    cuts = [Cut(0, 2, 100, 1, 1e-3, lines) for lines in ((1, 3, 5, 7), tuple(range(1, 30)))]
+    assert {cut.lines for cut in common_lines(cuts)} == {(1, 3, 5, 7)}
 
 
 @pytest.mark.parametrize("kind", some(DISTURBANCES, "walk", "hum"))

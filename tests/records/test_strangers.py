@@ -150,10 +150,7 @@ REFUSED = {
     "different units": (["--channel", "z=A - F"], "its columns are in m/s^2 and N; expected one unit"),
     "setting of something else": (["--set", "loop.sample_time=2"], "expected estimator.PARAMETER=VALUE"),
     "integral of what is not there": (["--integrate", "q=2"], "--integrate q=2: expected a channel and 1, 2, -1 or -2"),
-    "not periodic, and a period": (
-        ["--aperiodic", "--estimator", "h1_h2_hv"],
-        "periodic = false and samples_per_period are both",
-    ),
+    "two cuts": (["--aperiodic", "--estimator", "h1_h2_hv"], "periodic = false and samples_per_period are both"),
     "not periodic, no estimator": (["--aperiodic"], "does not repeat itself needs --estimator"),
     "no harmonics": (["--harmonics", "1,x"], "'1,x' is invalid; expected harmonics"),
     "wrong number of periods": (["--segment=run", "--select", "level=5", "--periods=2"], "1.50 realisations of 2"),

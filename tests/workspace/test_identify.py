@@ -84,6 +84,15 @@ def test_amplitudes_choose_the_estimator(records: Path, names: str, levels: int,
         assert look.resolution == pytest.approx(1e-7)
 
 
+def test_levels_in_one_file_are_found_and_what_settles_is_left_out(records: Path, tmp_path: Path) -> None:
+    rows = [np.loadtxt(records / f"{name}-all.csv", delimiter=",", skiprows=1)[:, 1:] for name in ("low", "high")]
+    np.savetxt(tmp_path / "a.csv", np.concatenate(rows), "%.9g", ",", header="force [N],position [um]", comments="")
+    registry = WorkspaceService.open(records).registry
+    request = with_channels(ImportRequest([tmp_path / "a.csv"], {}, {"sample_rate": 1 / SAMPLE_TIME}), registry)
+    look = look_at(request, registry)
+    assert (look.levels, look.skipped, round(look.amplitudes[1] / look.amplitudes[0])) == (2, 1, 4)
+
+
 def test_a_listing_that_leaves_something_open_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "log.csv"
     np.savetxt(file, np.random.default_rng(1).normal(size=(500, 3)), delimiter=",", header="a,b,c", comments="")
@@ -111,7 +120,7 @@ def test_records_that_are_none_of_one_axis_are_refused(
 def test_one_amplitude_does_not_tell_friction(records: Path, tmp_path: Path) -> None:
     found = fraexp.Workspace(tmp_path).identify(records / "high.csv", progress=False)
     assert "twice the amplitude" in dict(found.answers)["friction"]
-    again = fraexp.Workspace(tmp_path).identify(records / "high.csv", progress=False, skip_periods=1)
+    again = fraexp.Workspace(tmp_path).identify(records / "high.csv", progress=False, skip_periods=2)
     assert (found.run.study, again.run.study) == ("high", "high-2")
     assert [of.labels["case"] for of in found.run] == ["response"] + ["modal_fit"] * (len(found.run) - 1)
 
