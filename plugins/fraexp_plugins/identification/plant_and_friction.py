@@ -12,6 +12,7 @@ from fraexp.api import (
     Finding,
     FrictionModel,
     Metric,
+    Outcome,
     ParameterError,
     Quantity,
     RecordError,
@@ -35,7 +36,7 @@ MAX_LINE_SCATTER = 0.1
 """Relative scatter of P̂ over the amplitudes up to which a frequency counts for the plant."""
 
 
-class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=10):
+class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=11):
     """Friction, P̂ and the plant of eq (1) together, such that P̂ is the same at all amplitudes and phases.
 
     G_di G_do U_a = Y_a/P + F_a for each record a, at each excited line, with a 1/P of its own, and at the odd harmonics
@@ -62,8 +63,9 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=10):
     With `validation` the last segments are held out: the metric `validation error` is the part of their control input
     that the identified plant and friction do not explain along the measured motion.
 
-    It is ok if the law explains the records, and what the plant leaves of P̂, the validation error, the scatter over the
-    records, and the 95 % bands of plant and Coulomb force are within the accuracy of the study.
+    Segments that have not settled are left out. It is ok if the law explains the records, and what the plant leaves of
+    P̂, the validation error, the scatter over the records, and the 95 % bands of plant and Coulomb force are within the
+    accuracy of the study.
 
     `scatter before`, `scatter after` and `noise floor` are the medians over the lines of the relative scatter of P̂ over
     the records with and without friction, and of what noise explains; `ratio` is the residual over what is allowed for.
@@ -125,6 +127,8 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=10):
         count = len(signals.segments) - self.validation
         fresh = replace(signals, segments=signals.segments[count:])
         used = usable_signals(replace(signals, segments=signals.segments[:count]), self.output, self.name)
+        if used.outcome is Outcome.NOT_SETTLED:  # what has not settled is left out, and harms nothing
+            used = replace(used, outcome=Outcome.OK)
         found = self._chosen(used)
         lag = self._lag(used, found) if self.estimate_dead_time else 0.0
         if lag:
