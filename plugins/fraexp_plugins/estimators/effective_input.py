@@ -60,7 +60,7 @@ from fraexp_plugins.estimators._shared.possible_motions import draw_errors, like
 from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
 
 
-class EffectiveInput(ObserverEstimator, name="effective_input", version=15):
+class EffectiveInput(ObserverEstimator, name="effective_input", version=16):
     """P̂ = y'/û_e with û_e = G_di G_do u - f̂: the effective control input observer, eqs (2)-(5).
 
     y' drives the friction model in the time domain; the delays act at each frequency. With the right friction model P̂

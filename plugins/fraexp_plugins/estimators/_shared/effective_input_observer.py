@@ -274,11 +274,20 @@ class ObserverEstimator(DelayedEstimator, ABC):
         self, segments: Sequence[Segment], *motions: Sequence[Sequence[Motion]]
     ) -> list[list[NDArray[np.float64]]]:
         """Return the force along each segment for each of several sets of motions, which are run side by side."""
-        forces = iter(self.law.forces([motion for of_set in motions for own in of_set for motion in own]))
+        forces = iter(self.forces_along([motion for of_set in motions for own in of_set for motion in own]))
         return [
             [_with_scatter([next(forces) for _ in own], len(segment.channels[self.output])) for segment, own in pairs]
             for pairs in (zip(segments, of_set, strict=True) for of_set in motions)
         ]
+
+    def forces_along(self, motions: Sequence[Motion]) -> list[NDArray[np.float64]]:
+        """Return the friction model's force [N] along motions, each of its displacement's shape.
+
+        Of a motion that repeats, the turns are all that a model without memory of its speed needs of the period before.
+        """
+        if self.law.has_unique_periodic_force:
+            motions = [motion._replace(lead_in=_turns(motion)) if motion.periodic else motion for motion in motions]
+        return self.law.forces(motions)
 
     def _motions_of_periods(self, segment: Segment, whole: Motion) -> list[Motion]:
         """Return the motion of each single period, with the terms that stand out of the noise of the whole record."""
@@ -355,6 +364,13 @@ def at_lines(
         return []
     omega = 2 * np.pi * np.concatenate([segment.frequency for segment in segments])
     return np.split(ratio(omega), np.cumsum([segment.lines.size for segment in segments])[:-1])
+
+
+def _turns(motion: Motion) -> NDArray[np.float64]:
+    """Return the displacement where a motion begins, turns and ends [m]."""
+    rises, is_kept = np.diff(motion.displacement) > 0, np.ones(motion.displacement.size, dtype=bool)
+    is_kept[1:-1] = rises[1:] != rises[:-1]
+    return motion.displacement[is_kept]
 
 
 def _examined(segments: Sequence[Segment]) -> Sequence[Segment]:
