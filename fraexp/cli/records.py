@@ -11,7 +11,6 @@ from fraexp.cli.follow import FinishedRun, follow, print_outcome, read_run
 from fraexp.cli.options import RECORD_OPTIONS
 from fraexp.cli.output import print_fields, print_json, print_path, print_table, say
 from fraexp.components.kinds import Controller
-from fraexp.data.results import Result
 from fraexp.errors import RecordError
 from fraexp.execution.events import Event
 from fraexp.records.channels import parse_channel
@@ -111,7 +110,9 @@ def identify(arguments: Namespace) -> ExitCode:
     choice = choose(look)
     say(f"{choice.estimator['name']}: {choice.reason}")
     found = [_followed(workspace.identify(request, look, choice, arguments.study), workspace)]
-    rows = list(answers(request.files, look, choice, _by_case(found[0])))
+    results = found[0].results
+    by_case = {str(of.labels.get("case", "")): results[of.key] for of in found[0].sweeps if of.key in results}
+    rows = list(answers(request.files, look, choice, by_case))
     usable = [sweep for of in found for sweep in of.sweeps if sweep.key in of.results]
     if arguments.tune and usable:
         name = f"{arguments.study.stem if arguments.study else request.stem}-tune"
@@ -135,12 +136,6 @@ def identify(arguments: Namespace) -> ExitCode:
         say(f"next: {', '.join([*shown, f'fraexp plot {found[0].ended.run} -o FILE.pdf'])}")
     has_plant = any(fit.kind == "plant" for of in found for each in of.results.values() for fit in each.fits)
     return ExitCode.OK if not failures and (has_plant or not look.frequencies) else ExitCode.INCOMPLETE
-
-
-def _by_case(finished: FinishedRun) -> dict[str, Result]:
-    """Return the results by the labels of their cases, in the order of the study."""
-    found = finished.results
-    return {str(of.labels.get("case", "")): found[of.key] for of in finished.sweeps if of.key in found}
 
 
 def _followed(events: Generator[Event, None, None], workspace: WorkspaceService) -> FinishedRun:

@@ -93,13 +93,7 @@ def compiled_block(laws: Laws, layout: LaneLayout) -> Dispatcher:
 
     def make() -> Any:
         return make_block(
-            law,
-            compensation_law,
-            laws.kinds,
-            laws.compensation_kinds,
-            layout,
-            laws.is_set_valued,
-            is_observed,
+            law, compensation_law, laws.kinds, laws.compensation_kinds, layout, laws.is_set_valued, is_observed
         )
 
     names = " and ".join(each.__qualname__ for each in given)

@@ -160,11 +160,7 @@ class _DrivenArrays(NamedTuple):
 
 
 def friction_forces(
-    law: Law,
-    arguments: tuple[LawArgument, ...],
-    states: int,
-    motions: Sequence[PrescribedMotion],
-    is_vectorised: bool,
+    law: Law, arguments: tuple[LawArgument, ...], states: int, motions: Sequence[PrescribedMotion], is_vectorised: bool
 ) -> list[NDArray[np.float64]]:
     """Return the force [N] along each motion, each of its displacement's shape.
 

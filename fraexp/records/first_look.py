@@ -3,6 +3,7 @@
 import shlex
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -100,16 +101,14 @@ def _skipped_periods(request: ImportRequest, registry: Registry) -> dict[str, fl
     names = [name for name in request.channels if name not in INJECTED_CHANNELS][:2]
     if is_response(settings.channels) or len(names) < 2 or not signals.segments[0].periodic:
         return {}
+    pair = names[0], names[1]
 
     def unsettled(skipped: int) -> int:
         """Count the lines of segments that still settle without so many of their first blocks."""
         count = 0
         for segment in signals.segments:
-            phases = ([phasors(segment, name)[skipped:]] for name in names)
-            units = signals.units[names[0]], signals.units[names[1]]
-            found = response_result(
-                replace(signals, segments=(segment,)), *phases, names=(names[0], names[1]), units=units
-            )
+            phases = ([phasors(segment, name)[skipped:]] for name in pair)
+            found = response_result(replace(signals, segments=(segment,)), *phases, names=pair, units=("", ""))
             count += sum(len(of.frequencies) for of in found.findings if of.kind == "still settling")
         return count
 
@@ -125,11 +124,10 @@ def _check_files(files: Sequence[Path]) -> None:
 
 def find_levels(request: ImportRequest, registry: Registry) -> RecordLook | None:
     """Return what is to be seen in the records of one axis at several amplitudes; None if they are others."""
-    try:
+    with suppress(RecordError):  # of no axis, or invalid, which their own study says
         look = look_at(request, registry)
-    except RecordError:  # of no axis, or invalid, which their own study says
-        return None
-    return look if look.levels > 1 else None
+        return look if look.levels > 1 else None
+    return None
 
 
 def look_at(request: ImportRequest, registry: Registry) -> RecordLook:
@@ -228,19 +226,20 @@ def identification_study(
         replace(request, estimators=estimators, settings=settings, each_file=False), folder, registry
     )
     data["title"] = f"Plant and friction of {', '.join(file.name for file in request.files)}"
-    if name == PLANT:
-        method = data.pop("estimator")
-        fit = {"name": PLANT, "method": method}
-        return {**data, "case": [{"label": RESPONSE, "estimator": method}, {"label": PLANT, "estimator": fit}]}
-    files = data["record"]["file"]
-    if look.levels == 1 or isinstance(files, str):
-        return data
-    joint = {"label": ALL_RECORDS, "estimator": data.pop("estimator")}
-    plain = {"name": PERIODIC_ESTIMATOR, **{key: joint["estimator"][key] for key in ("input", "output")}}
+    files = [data["record"]["file"]] if isinstance(data["record"]["file"], str) else data["record"]["file"]
     names = [Path(file).name for file in files]
     labels = names if len(set(names)) == len(names) else [Path(*Path(file).parts[-2:]).as_posix() for file in files]
+    plain = {"name": PERIODIC_ESTIMATOR, **{key: data["estimator"][key] for key in ("input", "output")}}
     each = [
         {"label": label, "record": {"file": file}, "estimator": plain}
         for label, file in zip(labels, files, strict=True)
+        if len(files) > 1
     ]
+    if name == PLANT:
+        method = data.pop("estimator")
+        fit = {"name": PLANT, "method": method}
+        return {**data, "case": [*each, {"label": RESPONSE, "estimator": method}, {"label": PLANT, "estimator": fit}]}
+    if not each:
+        return data
+    joint = {"label": ALL_RECORDS, "estimator": data.pop("estimator")}
     return {**data, "case": [*each, joint]}

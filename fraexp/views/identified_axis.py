@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from fraexp.analysis.confidence import NORMAL_QUANTILE, BandReach
-from fraexp.data.results import EXTREMUM_CURVES, Curve, Fit, FrequencyResponse, Outcome, Result
+from fraexp.data.results import EXTREMUM_CURVES, Curve, Fit, Outcome, Result
 from fraexp.data.texts import frequency_text
-from fraexp.records.first_look import Choice, RecordLook
+from fraexp.records.first_look import ALL_RECORDS, PLANT, RESPONSE, Choice, RecordLook
 from fraexp.views.result_rows import fit_rows
 from fraexp.views.words import number_text, plural, with_unit
 
@@ -31,23 +31,23 @@ def answers(
     yield "method", f"{choice.estimator['name']}: {choice.reason}"
     yield "friction", _friction_text(look, result)
     fits = {fit.kind: fit for fit in result.fits}
-    yield (
-        "plant",
-        _plant_text(fits["plant"], result.response.unit if result.response else "")
-        if "plant" in fits
-        else f"none was found: {_contradiction(results) or 'see what is open'}",
-    )
+    found = _plant_text(fits["plant"], result.response.unit if result.response else "") if "plant" in fits else ""
+    contradiction = _contradiction(results) if result.outcome is not Outcome.OK else ""
+    yield "plant", found or f"none was found: {contradiction or 'see what is open'}"
+    if found and contradiction:
+        yield "open", contradiction
     for curve in result.curves:
         if curve.name in EXTREMUM_CURVES and curve.columns["frequency"].size:
             yield curve.name, _extrema_text(curve)
-    for metric, label in (("input_dead_time", "dead time"), ("input_time_constant", "lag")):
-        if delay := _metric_text(result, metric):
-            yield label, delay
+    if delay := _metric_text(result, "input_dead_time"):
+        yield "dead time", delay
     if result.response is not None:
         within = BandReach.of(result.response).is_within() & result.response.settled
         yield "band", f"within 0.5 dB and 3° at {within.sum()} of {plural(within.size, 'frequency', 'frequencies')}"
     if "friction" in fits:
-        yield "friction law", _law_text(fits["friction"], result)
+        is_unexplained = any(metric.name == "friction law" and metric.value == 0 for metric in result.metrics)
+        law = str(fits["friction"].component["name"])
+        yield "friction law", f"{law}, but no law explains the records" if is_unexplained else law
     for label, of in results.items():
         word = "remark" if of.outcome is Outcome.OK else "open"
         yield from ((word, f"{label}: {finding}".removeprefix(": ")) for finding in of.findings)
@@ -63,26 +63,28 @@ def gains(tuned: Result) -> Iterator[tuple[str, str]]:
 
 
 def _contradiction(results: Mapping[str, Result]) -> str:
-    """Return how two files differ where friction matters least, if the result of all says misfit; else nothing."""
-    *each, (_, joint) = results.items() or [("", Result(Outcome.ERROR))]
-    if "misfit" not in {finding.kind for finding in joint.findings}:
-        return ""
-    shown = [(name, found.response) for name, found in each if found.response is not None]
-    least: list[tuple[complex, str]] = []
+    """Return how two files differ beyond their bands where friction matters least; empty if none do."""
+    own = (RESPONSE, PLANT, ALL_RECORDS)
+    shown = [(label, of.response) for label, of in results.items() if label not in own and of.response is not None]
+    worst, text = 0.0, ""
     for (one, first), (other, second) in combinations(shown, 2):
         frequency, *places = np.intersect1d(first.frequency, second.frequency, return_indices=True)
-        for highest, a, b in list(zip(frequency, *places, strict=True))[-1:]:
-            change = np.log(second.response[b] / first.response[a])
-            if abs(change) > NORMAL_QUANTILE * (_relative_deviation(first, a) + _relative_deviation(second, b)):
-                least.append((change, f"{one} and {other} contradict each other, at {highest:.4g} Hz by"))
-    size, text = max(least, key=lambda found: abs(found[0]), default=(0j, ""))
-    level, angle = 20 / np.log(10) * size.real, np.degrees(size.imag)
-    remedy = "correct unit, gain or sign of a column, or leave out a record in which friction holds the axis"
-    return f"{text} {level:.3g} dB and {angle:.3g}°; {remedy}" if text else ""
-
-
-def _relative_deviation(of: FrequencyResponse, at: int) -> float:
-    return float(np.sqrt(np.trace(of.covariance[at])) / abs(of.response[at]))
+        for highest, *at in list(zip(frequency, *places, strict=True))[-1:]:
+            pair = [
+                (of.response[k], of.covariance[k], abs(of.input_amplitude[k]))
+                for of, k in zip((first, second), at, strict=True)
+            ]
+            change = np.log(pair[1][0] / pair[0][0])
+            allowed = NORMAL_QUANTILE * sum(np.sqrt(np.trace(covariance)) / abs(value) for value, covariance, _ in pair)
+            if abs(change) > max(allowed, worst):
+                is_lower = (pair[1][2] > pair[0][2]) == (change.real > 0) and abs(change.real) > abs(change.imag)
+                remedy = "if friction holds the axis at the smaller amplitude, raise it; else " * bool(is_lower)
+                size = f"{20 / np.log(10) * change.real:.3g} dB and {np.degrees(change.imag):.3g}°"
+                worst, text = (
+                    abs(change),
+                    f"{one} and {other} contradict each other, at {highest:.4g} Hz by {size}; {remedy}",
+                )
+    return text and f"{text}correct unit, gain or sign of a column, or give files of one machine"
 
 
 def _records_text(files: Sequence[Path], look: RecordLook) -> str:
@@ -106,7 +108,7 @@ def _friction_text(look: RecordLook, result: Result) -> str:
         )
     if numbers := _law_numbers(result):
         return f"yes: {numbers}"
-    if not look.frequencies:
+    if not look.frequencies or (look.levels > 1 and result.response is None):
         return "none was found: see what is open"
     if result.response is None or not np.isfinite(result.response.distortion).any():
         return UNTOLD
@@ -142,9 +144,3 @@ def _plant_text(fit: Fit, unit: str) -> str:
 def _extrema_text(curve: Curve) -> str:
     rows = zip(curve.columns["frequency"], curve.columns["frequency, ± 95 %"], strict=True)
     return ", ".join(f"{frequency:.5g} ± {band:.2g} Hz" for frequency, band in rows)
-
-
-def _law_text(fit: Fit, result: Result) -> str:
-    metrics = {metric.name: metric.value for metric in result.metrics}
-    name = str(fit.component["name"])
-    return f"{name}, but no law explains the records" if metrics.get("friction law") == 0 else name

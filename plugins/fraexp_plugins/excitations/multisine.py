@@ -73,11 +73,7 @@ class Multisine(BroadbandExcitation, name="multisine", version=1):
     line_spacing: float = param("Hz", "spacing f0 of the harmonics: one over the period", 0.5, above=0)
     harmonics: Literal["odd", "even", "full"] = param("", "harmonics that may be excited: odd, even or full", "odd")
     points: int = param(
-        "1",
-        "lines asked for, spaced logarithmically; 0 for all in the frequency range",
-        0,
-        at_least=0,
-        at_most=100_000,
+        "1", "lines asked for, spaced logarithmically; 0 for all in the frequency range", 0, at_least=0, at_most=100_000
     )
     detection_group_size: int = param(
         "1", "neighbouring lines of which one is a detection line; 0 for none", 4, at_least=0, at_most=1000

@@ -45,7 +45,7 @@ class Coulomb(FrictionModel, name="coulomb", version=4):
         "observer": "while it sticks, its force is not in the motion, which effective_input states",
     }
     presets: ClassVar[dict[str, dict[str, float]]] = {
-        "unit": {"coulomb_force": 1.0, "static_force": 1.5, "stribeck_velocity": 1e-3},
+        "unit": {"coulomb_force": 1.0, "static_force": 1.5, "stribeck_velocity": 1e-3}
     }
 
     def model_post_init(self, context: object) -> None:

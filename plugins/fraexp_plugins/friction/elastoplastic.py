@@ -23,7 +23,7 @@ class Elastoplastic(BristleModel, name="elastoplastic", version=1):
     elastic_limit_ratio: float = param("1", "elastic limit z_ba over Fc/σ0", 0.7, above=0, below=1)
 
     expected_failures: ClassVar[dict[str, str]] = {
-        "energy": "the force is not passive if σ2 < σ1 (Fs - Fc)/Fc, as with the parameters of 2002",
+        "energy": "the force is not passive if σ2 < σ1 (Fs - Fc)/Fc, as with the parameters of 2002"
     }
     presets: ClassVar[dict[str, dict[str, float]]] = {
         "dupont_2002": {**PUBLISHED, "elastic_limit_ratio": 0.7},

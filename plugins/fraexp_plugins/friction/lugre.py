@@ -18,12 +18,9 @@ class LuGre(BristleModel, name="lugre", version=1):
     """
 
     expected_failures: ClassVar[dict[str, str]] = {
-        "energy": "the force is not passive if σ2 < σ1 (Fs - Fc)/Fc, as with the parameters of 1995",
+        "energy": "the force is not passive if σ2 < σ1 (Fs - Fc)/Fc, as with the parameters of 1995"
     }
-    presets: ClassVar[dict[str, dict[str, float]]] = {
-        "canudas_de_wit_1995": PUBLISHED,
-        "linear_motor_table": GUIDE,
-    }
+    presets: ClassVar[dict[str, dict[str, float]]] = {"canudas_de_wit_1995": PUBLISHED, "linear_motor_table": GUIDE}
 
     @property
     def max_stiffness(self) -> float:

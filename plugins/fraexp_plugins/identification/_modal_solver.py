@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -83,8 +82,6 @@ class ModelEnd(NamedTuple):
     """Their standard deviations."""
     delay: float
     """Dead time [s]."""
-    lag: float = 0.0
-    """Time constant [s]."""
 
 
 def start_vectors(
@@ -95,7 +92,7 @@ def start_vectors(
     For given poles, ground and dead time the response is linear in k0 and k0 r_i. Relative errors are weighted, so that
     antiresonances tell as much as resonances.
     """
-    undelayed = data.response * np.exp(data.s * end.delay) * (1 + data.s * end.lag)
+    undelayed = data.response * np.exp(data.s * end.delay)
     # k0 S = G/(1 - (D s + K) G): as an equation for S that is linear, and does not divide by a small difference
     factor = 1 - model.ground_columns(data.s) @ end.ground * undelayed
     doubt = np.abs(model.ground_columns(data.s)) @ end.ground_std * np.abs(undelayed / factor)
@@ -154,15 +151,11 @@ def _real(values: NDArray[np.complex128]) -> NDArray[np.float64]:
 
 
 def _ends(model: ModalModel, data: LogResponse) -> Iterator[ModelEnd]:
-    """Yield the ends to try: each dead time without ground, and with the ground that the lowest points show.
-
-    A lag is tried in place of a dead time as long.
-    """
-    lags = (0.0, model.time_unit) if model.time_constant is None else (0.0,)
-    for delay, lag in product(_dead_times(model, data), lags):
-        yield ModelEnd(np.zeros(len(model.ground)), np.zeros(len(model.ground)), delay - lag, lag)
+    """Yield the ends to try: each dead time without ground, and with the ground that the lowest points show."""
+    for delay in _dead_times(model, data):
+        yield ModelEnd(np.zeros(len(model.ground)), np.zeros(len(model.ground)), delay)
         if model.ground:
-            yield ModelEnd(*low_ground(model, data, delay), delay - lag, lag)
+            yield ModelEnd(*low_ground(model, data, delay), delay)
 
 
 def _dead_times(model: ModalModel, data: LogResponse) -> list[float]:
@@ -206,10 +199,8 @@ def _vector(
     model: ModalModel, gains: NDArray[np.float64], poles: NDArray[np.float64], end: ModelEnd
 ) -> NDArray[np.float64]:
     modes = np.column_stack([np.log(poles), gains[1:] / gains[0]])
-    known = {"dead_time": end.delay, "time_constant": end.lag}
-    path = [known[name] / model.time_unit for name in model.path]
-    ground = end.ground * gains[0] / model.ground_units
-    return model.sort_modes(np.concatenate([[np.log(gains[0])], modes.ravel(), ground, path]))
+    ends = [*(end.ground * gains[0] / model.ground_units), *[end.delay / model.time_unit] * (model.dead_time is None)]
+    return model.sort_modes(np.concatenate([[np.log(gains[0])], modes.ravel(), ends]))
 
 
 TRIALS = 2
@@ -383,7 +374,7 @@ def _search(model: ModalModel, data: LogResponse, before: Solution | None) -> ND
     ways = [[p for end in _ends(model, data) for p in start_vectors(model, data, end, even)]]
     if before is not None:
         forces = before.model.ground_forces(before.p)
-        end = ModelEnd(forces, np.zeros(forces.size), before.model.delay(before.p), before.model.lag(before.p))
+        end = ModelEnd(forces, np.zeros(forces.size), before.model.delay(before.p))
         outside = np.array([[np.sqrt(FREQUENCY_MARGIN) * data.frequency[-1], FIRST_DAMPING_RATIO]])
         for added, relocations in ((even, RELOCATIONS), (outside, 0)):
             extended = [np.concatenate([before.poles, [pole] * (model.modes - len(before.poles))]) for pole in added]
@@ -472,11 +463,6 @@ def _modes(solution: Solution) -> Iterator[str]:
         else:
             continue
         yield f"a mode at {frequency:.4g} Hz ({why})"
-
-
-def shows_lag(solution: Solution) -> bool:
-    """Return whether the time constant of a fit is significantly above 0, with points left out too."""
-    return bool(solution.p[-1] > significant_deviation() * _std(solution, np.eye(solution.p.size)[-1]))
 
 
 def _std(solution: Solution, slope: NDArray[np.float64]) -> float:

@@ -35,7 +35,7 @@ class BallScrew(CoupledBodies, name="ball_screw", version=1):
             "axial_stiffness": 5e7,
             "torsional_damping": 0.02,
             "axial_damping": 3e3,
-        },
+        }
     }
 
     @property

@@ -22,7 +22,7 @@ class FlexibleJoint(CoupledBodies, name="flexible_joint", version=1):
     gear_damping: float = param("N s/m", "damping of the gear", 0.0, at_least=0)
 
     presets: ClassVar[dict[str, dict[str, float]]] = {
-        "elbow": {"motor_mass": 12.0, "link_mass": 6.0, "gear_stiffness": 6e4, "gear_damping": 40.0},
+        "elbow": {"motor_mass": 12.0, "link_mass": 6.0, "gear_stiffness": 6e4, "gear_damping": 40.0}
     }
 
     @property

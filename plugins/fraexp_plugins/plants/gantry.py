@@ -32,7 +32,7 @@ class Gantry(CoupledBodies, name="gantry", version=1):
             "head_position": 0.2,
             "joint_stiffness": 4e4,
             "joint_damping": 20.0,
-        },
+        }
     }
 
     @property

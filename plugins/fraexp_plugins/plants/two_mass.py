@@ -21,7 +21,7 @@ class TwoMass(CoupledBodies, name="two_mass", version=1):
     damping: float = param("N s/m", "damping of the coupling", 0.0, at_least=0)
 
     presets: ClassVar[dict[str, dict[str, float]]] = {
-        "belt_drive": {"motor_mass": 3.0, "load_mass": 5.0, "stiffness": 2e5, "damping": 20.0},
+        "belt_drive": {"motor_mass": 3.0, "load_mass": 5.0, "stiffness": 2e5, "damping": 20.0}
     }
 
     @property

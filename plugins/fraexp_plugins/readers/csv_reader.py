@@ -472,20 +472,16 @@ def _is_cut_off(rows: Sequence[Sequence[str]], width: int) -> bool:
 
 def _fault(path: Path, layout: TextLayout, positions: list[int]) -> RecordError:
     """Return the error for the first bad cell, with the number of bad cells: slow, as it parses cell by cell."""
-    faults: list[str] = []
-    count = 0
+    faults: list[tuple[int, str, str]] = []
     for number, line in _rows(path, layout):
         cells = split_cells(line, layout.delimiter)
         for position in positions:
             cell = cells[position] if position < len(cells) else ""
-            finite = is_number(cell, layout.decimal_comma)
-            with suppress(ValueError):
-                finite = finite and math.isfinite(layout.number(cell))
-            if not finite:
-                count += 1
-                faults = faults or [f"line {number}", f"'{cell}' in column '{layout.headings[position]}'"]
+            if not (is_number(cell, layout.decimal_comma) and math.isfinite(layout.number(cell))):
+                faults.append((number, cell, layout.headings[position]))
     if not faults:
         return RecordError(f"{path.name}: the cells cannot be separated; expected every quote to be closed")
-    where, what = faults
-    others = f" ({count} such cells in all)" if count > 1 else ""
-    return RecordError(f"{path.name}, {where}: {what} is not a finite number{others}; correct or remove these samples")
+    number, cell, heading = faults[0]
+    what = f"'{cell}' in column '{heading}' is not a finite number"
+    others = f" ({len(faults)} such cells in all)" if len(faults) > 1 else ""
+    return RecordError(f"{path.name}, line {number}: {what}{others}; correct or remove these samples")

@@ -354,11 +354,9 @@ class MatReader(RecordReader, name="mat", version=1):
 
     def unreadable(self, path: Path) -> Mapping[str, str]:
         """Return what the variables contain that is of MATLAB's own, by name."""
-        if _is_hdf5(path):
-            found = mat_hdf5.objects(path)
-        else:
-            found = {name: of.object_class for name, of in _variables(path)[0].items() if of.object_class}
-        return {name: f"a MATLAB object ({of})" for name, of in found.items()}
+        is_hdf5 = _is_hdf5(path)
+        found = mat_hdf5.objects(path) if is_hdf5 else {at: of.object_class for at, of in _variables(path)[0].items()}
+        return {name: f"a MATLAB object ({of})" for name, of in found.items() if of}
 
 
 def _read_transposed(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.generic]]:

@@ -138,12 +138,8 @@ def check_thousands(
     have_points = any(count["plain ."] for count in counts)
     for position in positions:
         count = counts[position]
-        is_grouped = (
-            not count["plain ."]
-            if count["."]
-            else count[","] >= MIN_GROUPED and not count["plain ,"] and (have_points or count["whole"])
-        )
-        if is_grouped:
+        by_commas = count[","] >= MIN_GROUPED and not count["plain ,"] and (have_points or count["whole"])
+        if not count["plain ."] if count["."] else by_commas:
             number, cell = first[position]
             plain = cell.replace(".", "").replace(",", "")
             raise RecordError(
