@@ -120,7 +120,10 @@ class _Constructor(ModelMetaclass, type):
 class Parameters(BaseModel, metaclass=_Constructor):
     """Named values with unit, meaning and bounds; immutable, and plain data when asked."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, ser_json_inf_nan="null")
+    # A validator is built when it is first used: a study uses few of the classes that its components' modules define.
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, ser_json_inf_nan="null", defer_build=True
+    )
 
     @model_validator(mode="before")
     @classmethod

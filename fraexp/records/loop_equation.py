@@ -27,8 +27,8 @@ MAX_MISFIT = 3.0
 them do not narrow it."""
 NUMERICAL_MISFIT = 1e-3
 """Misfit that Fourier sums and decimal numbers leave: explanations that leave less are equally good."""
-MAX_SHIFT = 3
-"""Samples by which a channel may be late or early: more is no fault of sampling order."""
+MAX_SHIFT, MAX_BEGIN = 20, 3
+"""Samples by which a channel may be late or early, as buffers hold it back, and by which a record may begin so."""
 MAX_USUAL_GAIN = 1.4
 """Gain of the excitation's path, either way, that does no harm: a response is that of u and y, whatever was played."""
 
@@ -51,6 +51,8 @@ class FaultKind(Enum):
     BEGUN_LATE = auto()
     LOST_ROWS = auto()
     CLOCK = auto()
+    UNEVEN = auto()
+    """The excitation is whole, and its time neither stands nor runs evenly."""
     COMPENSATION = auto()
     """u has a force that follows the direction of motion, too."""
     UNKNOWN = auto()
@@ -128,13 +130,13 @@ class LoopTerms:
         agreement = float(np.sum(np.real(np.conj(of) * self._residual / self._deviation)))
         return (agreement if name == "excitation" else -agreement) / energy if energy else 0.0
 
-    def delay(self, name: str) -> float:
-        """Return the samples, up to about `MAX_SHIFT`, by which a term is late to the others."""
-        whole = range(-MAX_SHIFT, MAX_SHIFT + 1)
+    def delay(self, name: str, most: int) -> float:
+        """Return the samples, up to about as many, by which a term is late to the others."""
+        whole = range(-most, most + 1)
         found = float(min(whole, key=lambda samples: self.advanced(name, samples).misfit))
         for _ in range(NEWTON_STEPS):
             found += self.advanced(name, found).unknown(name, 1j * np.asarray(self.angle))
-        return float(np.clip(found, -MAX_SHIFT - 0.5, MAX_SHIFT + 0.5))
+        return float(np.clip(found, -most - 0.5, most + 0.5))
 
     @property
     def _residual(self) -> NDArray[np.complex128]:
@@ -193,16 +195,16 @@ def _hypotheses(terms: LoopTerms, swapped: LoopTerms | None) -> Iterator[tuple[L
         yield played
     yield LoopFault(FaultKind.ALONE), terms.scaled("feedback", 0.0)
     yield LoopFault(FaultKind.FEEDBACK), terms.scaled("excitation", 0.0)
+    for kind, name in SCALES.items():
+        if share := 1 + terms.unknown(name):
+            yield LoopFault(kind, 1 / share), terms.scaled(name, share)
     if np.any(terms.angle):
         for kind, name in SHIFTS.items():
-            samples = terms.delay(name)
+            samples = terms.delay(name, MAX_BEGIN if kind is FaultKind.BEGUN_LATE else MAX_SHIFT)
             yield LoopFault(kind, samples=samples), terms.advanced(name, samples)
         for kind, name in LAGS.items():
             samples = max(terms.unknown(name, change), 0.0)
             yield LoopFault(kind, samples=samples), terms.scaled(name, np.asarray(1 + change * samples, dtype=complex))
-    for kind, name in SCALES.items():
-        if share := 1 + terms.unknown(name):
-            yield LoopFault(kind, 1 / share), terms.scaled(name, share)
     if swapped is not None:
         yield LoopFault(FaultKind.SWAPPED), swapped
     if not is_usual(gain):
@@ -250,12 +252,15 @@ MAX_LATE_LINES = 60
 """Lines by which it is looked for: more of them take time alone."""
 ALIKE_AGREEMENT = 1e-4
 """Difference of the mean cosine of phases up to which delays are as good as each other."""
-MAX_ROWS, MAX_CLOCK_ERROR, MAX_PHASES = 1000, 1e-3, 500
-"""Rows that may be lost in one place, difference of clocks, and the number of phases by which both are looked for."""
+MAX_ROWS, MAX_LOSSES, MAX_CLOCK_ERROR, MAX_PHASES = 1000, 5, 1e-2, 500
+"""Rows that may be lost in one place, places, difference of clocks, and the phases by which they are looked for."""
 STEADY_SHARE = 0.75
-"""Part of the phases that must agree: those of the period with the loss do not."""
+"""Part of the phases that must agree: those of the period with the loss do not, nor do those of a ramp."""
 HARMLESS_SHARE = 0.01
 """Part of a record by which it may begin late or early: the rest of it is as periodic."""
+UNTIMELY = (FaultKind.UNKNOWN, FaultKind.EXCITATION_FACTOR, FaultKind.FEEDBACK, FaultKind.SWAPPED)
+"""Faults of which a record is cleared that shows the excitation whole, at another time: periods then scatter, so that
+anything explains them."""
 WRONG_NUMBERS = (FaultKind.INPUT_FACTOR, FaultKind.OUTPUT_FACTOR, FaultKind.EXCITATION_FACTOR)
 PLAIN_FACTOR = 2.0
 """Faults for which a motion is beyond a limit, or does not settle, that would not otherwise, and the factor, either
@@ -379,14 +384,14 @@ def judge_columns(segments: Sequence[Segment], cuts: Sequence[Cut], controller: 
     if 2 * np.count_nonzero(followed) > len(followed):
         return PlayVerdict(LoopFault(FaultKind.COMPENSATION, float(np.median(followed))), False)
     fault = find_fault(terms, _joined([loop.terms("y", "u") for loop in loops]))
-    if fault is not None and fault.kind in (FaultKind.UNKNOWN, FaultKind.EXCITATION_FACTOR):
+    if fault is not None and fault.kind in UNTIMELY:
         late = _find_beginning(loops)
-        if late is not None and abs(late.samples) > MAX_SHIFT:
+        if late is not None and abs(late.samples) > MAX_BEGIN:
             shortest = min(loop.segment.channels["u"].size for loop in loops)
             is_harmless = abs(late.samples) <= HARMLESS_SHARE * shortest and is_usual(late.factor)
-            fault = None if is_harmless else late
-        elif fault.kind is FaultKind.UNKNOWN:
-            fault = _find_break(loops) or fault
+            return PlayVerdict(None if is_harmless else late, False)
+    if fault is not None and fault.kind in (*UNTIMELY, FaultKind.INPUT_SHIFT):
+        fault = _find_break(loops) or fault
     return PlayVerdict(fault, False)
 
 
@@ -466,50 +471,64 @@ def _find_beginning(loops: Sequence[_SegmentLoop]) -> LoopFault | None:
 def _find_break(loops: Sequence[_SegmentLoop]) -> LoopFault | None:
     """Return the rows that are lost, or the clock of the record, by the excitation that it shows; None if neither is.
 
-    Its phases are those of what was to be played until rows are lost, or move on in proportion to the time.
+    Its phases are those of what was to be played until rows are lost, or move on in proportion to the time. Where they
+    do neither, and change from period to period while the excitation keeps its size, time runs unevenly.
     """
     parts = []
     for loop in loops:
-        count, size = len(loop.segment.channels["u"]), loop.segment.samples
-        turn = (sum(loop.sums()) / loop.played)[-count:]
-        middle = loop.start + size * (np.arange(count)[:, None] + 0.5)
-        parts.append([of.ravel() for of in np.broadcast_arrays(middle, loop.angle, turn)])
-    time, angle, turn = (np.concatenate(part) for part in zip(*parts, strict=True))
+        size, turn = loop.segment.samples, sum(loop.sums()) / loop.played
+        end = loop.start + loop.segment.channels["u"].size
+        middle = end - size * (np.arange(len(turn))[::-1, None] + 0.5)
+        change = np.diff(turn, axis=0, prepend=turn[:1])
+        parts.append([of.ravel() for of in np.broadcast_arrays(middle, loop.angle, turn, change)])
+    time, angle, turn, change = (np.concatenate(part) for part in zip(*parts, strict=True))
     some = np.argsort(time, kind="stable")[:: time.size // MAX_PHASES + 1]
-    time, angle, turn = time[some], angle[some], turn[some] / max(float(np.median(np.abs(turn))), np.finfo(float).tiny)
-    found = []
-    for slip, trials, fault in (_lost_rows(angle, turn), _clock_slip(time, angle, turn)):
-        left = float(np.quantile(np.abs(turn - np.exp(1j * angle * slip)), STEADY_SHARE))
-        is_chance = trials * left**time.size > SIGNIFICANCE
-        if np.any(slip) and left <= MAX_MISFIT * TOLERANCE and not is_chance:
-            found.append((left, fault))
-    return min(found, key=lambda one: one[0])[1] if found else None
+    usual = max(float(np.median(np.abs(turn))), np.finfo(float).tiny)
+    time, angle, turn, change = time[some], angle[some], turn[some] / usual, change[some] / usual
+
+    def is_alike(expected: NDArray[Any], trials: float, share: float = STEADY_SHARE) -> bool:
+        """Return whether most phases are as expected, and not by chance."""
+        left = float(np.quantile(np.abs(turn - expected), share))
+        return left <= MAX_MISFIT * TOLERANCE and trials * left**time.size <= SIGNIFICANCE
+
+    if is_alike(np.sign(np.median(turn.real)) * np.ones_like(turn), 1.0):
+        return None
+    slip, trials = np.zeros(turn.size), 1.0
+    for losses in range(MAX_LOSSES):
+        lost, tried = _lost_rows(angle, turn * np.exp(-1j * angle * slip))
+        slip, trials = slip + lost, trials * tried
+        if is_alike(np.exp(1j * angle * slip), trials):
+            stands = losses == 0 and slip[0] == slip[-1]
+            return None if stands else LoopFault(FaultKind.LOST_ROWS, samples=float(slip[-1]))
+    error, tried = _clock_error(time, angle, turn)
+    if is_alike(np.exp(1j * angle * time * error), tried):
+        return LoopFault(FaultKind.CLOCK, 1 + error)
+    is_moving = float(np.median(np.abs(change))) > MAX_MISFIT * TOLERANCE
+    is_whole = is_moving and is_usual(usual) and is_alike(turn / np.abs(turn), 1.0, share=0.5)
+    return LoopFault(FaultKind.UNEVEN) if is_whole else None
 
 
-def _lost_rows(angle: NDArray[np.float64], turn: NDArray[np.complex128]) -> tuple[NDArray[np.float64], int, LoopFault]:
-    """Return the slip [samples] of phases in the order of time, (n,), by rows lost once, the trials, and the fault."""
+def _lost_rows(angle: NDArray[np.float64], turn: NDArray[np.complex128]) -> tuple[NDArray[np.float64], int]:
+    """Return the slip [samples] of phases in the order of time, (n,), by rows lost once or before, and the trials."""
     rows = np.arange(-MAX_ROWS, MAX_ROWS + 1)
     until = np.cumsum(np.real(np.conj(turn) * np.exp(1j * np.outer(rows, angle))), axis=1)
-    agreement = until[MAX_ROWS] + until[:, -1:] - until  # of so many rows that are lost after each phase
+    until = np.concatenate([np.zeros((rows.size, 1)), until], axis=1)
+    agreement = until[MAX_ROWS] + until[:, -1:] - until  # of so many rows that are lost before each phase
     alike = rows[agreement.max(axis=1) >= agreement.max() - ALIKE_AGREEMENT * turn.size]
     lost = int(alike[np.argmin(np.abs(alike))])
-    last = int(np.argmax(agreement[MAX_ROWS + lost]))
-    return (
-        np.where(np.arange(turn.size) > last, float(lost), 0.0),
-        agreement.size,
-        LoopFault(FaultKind.LOST_ROWS, samples=lost),
-    )
+    first = int(np.argmax(agreement[MAX_ROWS + lost]))
+    return np.where(np.arange(turn.size) >= first, float(lost), 0.0), agreement.size
 
 
-def _clock_slip(
+def _clock_error(
     time: NDArray[np.float64], angle: NDArray[np.float64], turn: NDArray[np.complex128]
-) -> tuple[NDArray[np.float64], int, LoopFault]:
-    """Return the slip [samples] of phases, (n,), by a clock, the number of trials, and the fault."""
+) -> tuple[float, int]:
+    """Return the relative error of the clock with which phases, (n,), move on, and the number of trials."""
     phase = angle * time
     errors = np.arange(-MAX_CLOCK_ERROR, MAX_CLOCK_ERROR, 0.5 / float(np.max(phase)))
     error = float(errors[np.argmax([np.sum(np.real(np.conj(turn) * np.exp(1j * phase * of))) for of in errors])])
     error += float(np.sum(phase * np.imag(turn * np.exp(-1j * phase * error)))) / float(np.sum(phase**2))
-    return error * time, errors.size, LoopFault(FaultKind.CLOCK, 1 + error)
+    return error, errors.size
 
 
 WRONG = "wrong column"
@@ -615,6 +634,11 @@ TEXTS = {
     FaultKind.CLOCK: (
         "a sample of the record takes {factor:.6g} times as long as one of the excitation",
         "record with the clock that plays the excitation",
+    ),
+    FaultKind.UNEVEN: (
+        "the record shows the whole excitation, and not in time: rows are lost or written twice in several places, or "
+        "its clock changes",
+        "record each sample once, with the clock that plays the excitation",
     ),
     FaultKind.UNKNOWN: (
         "'u' is not the excitation minus what the controller makes of 'y', and no factor, delay or filter explains it",

@@ -39,8 +39,9 @@ def answers(
     for curve in result.curves:
         if curve.name in EXTREMUM_CURVES and curve.columns["frequency"].size:
             yield curve.name, _extrema_text(curve)
-    if delay := _metric_text(result, "input_dead_time"):
-        yield "dead time", delay
+    for metric, label in (("input_dead_time", "dead time"), ("input_time_constant", "lag")):
+        if delay := _metric_text(result, metric):
+            yield label, delay
     if result.response is not None:
         within = BandReach.of(result.response).is_within() & result.response.settled
         yield "band", f"within 0.5 dB and 3° at {within.sum()} of {plural(within.size, 'frequency', 'frequencies')}"

@@ -35,7 +35,7 @@ ESTIMATOR = {"name": "plant_and_friction", "law": "any", "estimate_dead_time": T
 """Estimator that needs to know nothing of a machine but units; a study may state further parameters, such as laws."""
 LIVE_ESTIMATOR = {"name": "conventional", "refer_to_plant": False}
 """Estimator of what is shown of each point while the measurement goes on."""
-SUMMARY = ("k0", "f1", "Coulomb force", "input_dead_time", "validation error")
+SUMMARY = ("k0", "f1", "Coulomb force", "input_dead_time", "input_time_constant", "validation error")
 """Metrics in the line of a stage."""
 LAW_METRIC = "friction law"
 """Metric that is 1 if a friction law explains the records."""

@@ -32,6 +32,8 @@ TUNED_SAMPLE_TIME, TUNED_DEAD_TIME = "loop sample time", "loop dead time"
 """Metrics of tuned gains that say for which sample time and dead time of both directions they are."""
 IDENTIFIED_DEAD_TIME = "input_dead_time"
 """Metric of an identification: the dead time that it found before the plant, all of it."""
+IDENTIFIED_LAG = "input_time_constant"
+"""Metric of an identification: the time constant of a lag before the plant that it found beside the known ones."""
 UNTRUSTED = (Outcome.INACCURATE, Outcome.NOT_SETTLED)
 """Outcomes of results whose message is part of what is written."""
 
@@ -107,6 +109,8 @@ def controller_parts(sweep: StoredSweep, result: Result, registry: Registry) -> 
         input_path = input_path._replace(dead_time=metrics[TUNED_DEAD_TIME] - output_path.dead_time)
     elif IDENTIFIED_DEAD_TIME in metrics:
         input_path = input_path._replace(dead_time=metrics[IDENTIFIED_DEAD_TIME])
+    if IDENTIFIED_LAG in metrics:
+        input_path = input_path._replace(lags=(*input_path.lags, metrics[IDENTIFIED_LAG]))
     compensation = experiment.get("compensation")
     return ControllerParts(
         friction=_friction(fitted.get(FrictionModel.kind), estimator, experiment, registry),

@@ -65,9 +65,9 @@ def test_friction_that_falls_with_velocity_is_noticed_in_the_plant(viscous: floa
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("friction", [MACHINE["friction"], LUGRE], ids=lambda each: each["name"])
-def test_plant_and_force_are_found_whatever_the_law(friction: dict[str, Any], recorded: Any) -> None:
-    signals = recorded(LEVELS, friction)
+@pytest.mark.parametrize(("friction", "lag"), [(MACHINE["friction"], 0.0), (LUGRE, 0.0), (LUGRE, 8e-4)])
+def test_plant_and_force_are_found_whatever_the_law(friction: dict[str, Any], lag: float, recorded: Any) -> None:
+    signals = recorded(LEVELS, friction, input_time_constants=[lag] if lag else [])
     result = judged(ESTIMATOR, signals)
     metrics = {metric.name: metric.value for metric in result.metrics}
     assert result.outcome is Outcome.OK, result.message
@@ -76,6 +76,7 @@ def test_plant_and_force_are_found_whatever_the_law(friction: dict[str, Any], re
     assert metrics["f1"] == pytest.approx(38.8, abs=0.2)
     assert metrics["Coulomb force"] == pytest.approx(FORCE, rel=0.03)
     assert metrics["input_dead_time"] == pytest.approx(1e-3, abs=0.2 * 5e-4)
+    assert metrics.get("input_time_constant", 0.0) == pytest.approx(lag, abs=5e-5)
     assert metrics["validation error"] < 0.03
     (table,) = [fit for fit in result.fits if fit.kind == "friction"]
     for name, value, deviation in zip(table.parameters, table.values, table.standard_deviation, strict=True):

@@ -82,10 +82,8 @@ def test_noise_makes_no_modes(name, noise):
 
 
 def test_a_dead_time_that_is_given_is_held():
-    result = fitted(measured(), modes=2, dead_time=DEAD_TIME)
-    found, deviation = values(result)
-    assert found["dead_time"] == DEAD_TIME
-    assert deviation["dead_time"] == 0
+    found, deviation = values(fitted(measured(), modes=2, dead_time=DEAD_TIME))
+    assert (found["dead_time"], deviation["dead_time"]) == (DEAD_TIME, 0)
     assert found["rigid_body_gain"] == pytest.approx(0.132, rel=1e-3)
 
 
@@ -95,11 +93,19 @@ def test_a_negative_dead_time_is_reported():
     assert "removes more delay than there is" in result.message
 
 
+@pytest.mark.parametrize("lag", [0.0, 8e-4])
+def test_a_lag_is_found_beside_the_dead_time(lag):
+    response = measured(noise=1e-3)
+    lagged = replace(response, response=response.response / (1 + 2j * np.pi * response.frequency * lag))
+    found = ModalFit(method=Conventional()).solve(lagged, may_lag=True).solution
+    assert found.poles[1, 0] == pytest.approx(TWO.frequencies[1], abs=0.01)
+    assert [found.model.delay(found.p), found.model.lag(found.p)] == pytest.approx([DEAD_TIME, lag], abs=2e-6)
+
+
 def test_the_magnitude_alone_knows_no_dead_time():
     result = fitted(measured(), modes=2, quantity="magnitude")
-    found, _ = values(result)
-    assert "dead_time" not in found
-    assert found["frequencies.1"] == pytest.approx(81.2, abs=0.03)
+    assert "dead_time" not in values(result)[0]
+    assert values(result)[0]["frequencies.1"] == pytest.approx(81.2, abs=0.03)
     assert "phase" not in result.curves[0].columns
 
 

@@ -30,9 +30,15 @@ def lost(samples: Array, count: int) -> Array:
     return np.concatenate([samples[:middle], samples[middle + count :], np.zeros(count)])
 
 
+def few(samples: Array) -> Array:
+    """Return samples of which one of 200 is missing, at random."""
+    kept = np.random.default_rng(3).random(samples.size) > 1 / 200
+    return np.pad(samples[kept], (0, samples.size - np.count_nonzero(kept)))
+
+
 def slow(samples: Array) -> Array:
-    """Return samples that are recorded by a clock that is 1e-4 slow."""
-    return np.interp(np.arange(samples.size) * 1.0001, np.arange(samples.size), samples)
+    """Return samples that are recorded by a clock that is 0.5 % slow."""
+    return np.interp(np.arange(samples.size) * 1.005, np.arange(samples.size), samples)
 
 
 CORRUPTIONS: dict[str, tuple[Callable[[Array, Array, Array], tuple[Array, Array]], str]] = {
@@ -49,10 +55,11 @@ CORRUPTIONS: dict[str, tuple[Callable[[Array, Array, Array], tuple[Array, Array]
     "y in counts": (lambda w, u, y: (u, y / 2e-8), r"^'y' is 5e\+07 times .*\"y \* 2e-08 \[m\]\""),
     "y late": (lambda w, u, y: (u, late(y, 1)), "'y' is recorded 1 sample late; record 'y' as the controller reads"),
     "y early": (lambda w, u, y: (u, late(y, -1)), "'y' is recorded 1 sample early; .* a delay of the controller"),
-    "u late": (lambda w, u, y: (late(u, 1), y), "^'u' is recorded 1 sample late"),
+    "u late": (lambda w, u, y: (late(u, 10), y), "^'u' is recorded 10 samples late"),
     "u filtered": (lambda w, u, y: (lfilter([0.25], [1, -0.75], u), y), "^'u' lags .* time constant of 3 samples"),
     "lost rows": (lambda w, u, y: (lost(u, 9), lost(y, 9)), "^within the record rows are lost .* 9 samples before"),
-    "clock": (lambda w, u, y: (slow(u), slow(y)), r"takes 1\.0001\d* times as long"),
+    "clock": (lambda w, u, y: (slow(u), slow(y)), r"takes 1\.00[45]\d* times as long|its clock changes"),
+    "few rows": (lambda w, u, y: (few(u), few(y)), "^the record shows the whole excitation, and not in time"),
     "compensation": (
         lambda w, u, y: (u + 0.3 * np.abs(w).max() * np.sign(np.gradient(y)), y),
         "^'u' has .* in the dir",

@@ -27,15 +27,7 @@ from fraexp.study.accuracy import Accuracy
 from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
 from fraexp.workspace.workspace_service import WorkspaceService
 from tests.measurement.conftest import STUDY
-from tests.measurement.played_axes import (
-    CORRUPTIONS,
-    RIGHT,
-    Array,
-    is_doubted,
-    load_record,
-    section_of,
-    write_record,
-)
+from tests.measurement.played_axes import CORRUPTIONS, RIGHT, Array, is_doubted, load_record, section_of, write_record
 from tests.refusals import refused
 
 SECTIONS = ("plant", "friction", "controller", "loop", "numerics")
@@ -148,9 +140,7 @@ SEEN_BY_FEEDBACK = ("excitation as u", "y negated", "y / 1000", "y * 3", "y in m
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("number", [0, 3, 4])
-def test_on_drawn_machines_too(
-    number: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, registry: Registry
-) -> None:
+def test_on_drawn_machines(number: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, registry: Registry) -> None:
     still = Demand(0.0, 0.0, 0.0, 0.0, 0.0)  # what a stop asks for takes long, and no limit is near
     monkeypatch.setattr(measurement_plan, "simulate_demands", lambda plays: [still] * len(plays))
     draws = np.random.default_rng([40611, number])
@@ -180,8 +170,9 @@ def test_on_drawn_machines_too(
         except RecordError:  # what resonates is refused as the input of a stepped sine
             assert name in ("swapped", "u without excitation"), name
             continue
-        if name == "compensation" and has_noise and found.message.startswith("'u' is not the excitation"):
-            continue  # noise hides the direction of a small motion
+        is_hidden = name == "few rows" or (name == "compensation" and has_noise)
+        if is_hidden and found.message.startswith("'u' is not the excitation"):
+            continue  # a loss within each period, or noise beside a small motion
         assert re.search(message, found.message) or (name in WEAKLY_SEEN and not found.message), (name, found.message)
 
 
@@ -221,15 +212,9 @@ LOOSE = (
 
 
 @pytest.mark.parametrize(
-    ("printed", "message"),
-    [
-        ("f'{y!r},{u!r}'", ""),
-        ("f'{u!r},{y!r}'", "'u' and 'y' are swapped"),
-    ],
+    ("printed", "message"), [("f'{y!r},{u!r}'", ""), ("f'{u!r},{y!r}'", "'u' and 'y' are swapped")]
 )
-def test_measured_records_are_compared_like_imported_ones(
-    workspace: WorkspaceService, printed: str, message: str
-) -> None:
+def test_measured_records_are_compared_like_imports(workspace: WorkspaceService, printed: str, message: str) -> None:
     service = MeasurementService(workspace, "axis", (program_of(workspace, printed), *LOOSE), is_trusted=True)
     points = [event for event in service.measure_points() if isinstance(event, PointEstimated)]
     assert len(points) == 2

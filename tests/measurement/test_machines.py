@@ -164,11 +164,7 @@ def test_limits_of_a_machine_count_and_may_be_texts_with_units(workspace: Worksp
         ),
         ("import os\nos._exit(3)", MachineError, ["code 3", "0 of 320"]),
         ("print('1;2')", MachineError, ["line 1", "'1;2'", "y,u"]),
-        (
-            f"print('0,0')\n{PROGRAM.format(step=SAMPLE_TIME)}",
-            MachineError,
-            ["line 321", "320 samples"],
-        ),
+        (f"print('0,0')\n{PROGRAM.format(step=SAMPLE_TIME)}", MachineError, ["line 321", "320 samples"]),
     ],
 )
 def test_a_program_that_does_not_measure_is_named(

@@ -2,16 +2,19 @@
 
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from fraexp_plugins.excitations.stepped_sine import SteppedSine
+from fraexp_plugins.tuning.loop_tuning import _LoopPath
 
 from fraexp.cli.main import main
 from fraexp.components.kinds import Controller, Estimator, Plant
 from fraexp.components.registry import Registry, create
+from fraexp.data.results import Metric
 from fraexp.errors import ParameterError, RecordError
 from fraexp.simulation.loop import simulate_loop
 from fraexp.simulation.machine import build_machine
@@ -83,13 +86,15 @@ def test_a_record_is_tuned_with_the_delays_and_the_friction_that_its_method_know
     for method, environment in ((observer, experiment), (known, {})):
         fit = {"name": "modal_fit", "modes": 2, "method": method}
         spec = {"name": "loop_tuning", "method": fit, "controller": experiment["controller"]}
-        estimator = registry.create(Estimator.kind, spec, environment)
-        assert isinstance(estimator, Estimator)
+        estimator: Any = registry.create(Estimator.kind, spec, environment)
         result = estimator.estimate(signals)
         found.append({each.name: each.value for each in result.metrics})
         found[-1] |= next(fit.component for fit in result.fits if fit.kind == Controller.kind)
     assert found[0] == found[1]
     assert (found[0]["loop dead time"], found[0]["loop sample time"]) == pytest.approx((1e-3, 5e-4), rel=0.01)
+    lagging = replace(result, metrics=(*result.metrics, Metric("input_time_constant", 4e-4, "s")))
+    path = _LoopPath.of_loop(estimator, signals, lagging, result.fits[0])
+    assert (path.input_time_constants, path.output_time_constants) == ((4e-4,), (1e-4,))
 
 
 STUDY = """

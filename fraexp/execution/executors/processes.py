@@ -20,7 +20,7 @@ from typing import Any
 
 from fraexp.errors import StudyError
 from fraexp.execution.executors.limits import ResourceLimits, size_text
-from fraexp.execution.executors.worker import PRELOADED, Message, serve_jobs
+from fraexp.execution.executors.worker import Message, serve_jobs
 from fraexp.execution.executors.workers import Answer, WorkerLostError, Workers
 from fraexp.execution.sent_jobs import Job
 
@@ -29,9 +29,9 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 HAS_FORK_SERVER = "forkserver" in multiprocessing.get_all_start_methods()
 CONTEXT: Any = multiprocessing.get_context("forkserver" if HAS_FORK_SERVER else "spawn")
 """Start method: a fork of this process would inherit its connection to the database. A fork server has none; it loads
-what workers need once, in a second of processor time, and each of them is there at once."""
+what workers need once, in half a second of processor time, and each of them is there at once."""
 if HAS_FORK_SERVER:
-    CONTEXT.set_forkserver_preload(["fraexp.execution.executors.worker", *PRELOADED])
+    CONTEXT.set_forkserver_preload(["fraexp.execution.executors.preloaded"])
 MAX_PIPED_JOBS = 8
 """Maximum number of jobs in a worker's pipe: short jobs must not wait for the next one."""
 MAX_PIPED_BYTES = 12_000

@@ -20,8 +20,6 @@ from fraexp.execution.watched_job import run_watched_job
 
 PROGRESS_INTERVAL_S = 0.1
 """Minimum interval between two progress messages of a job."""
-PRELOADED = ("fraexp.kernels.batch", "fraexp.kernels.prescribed_motion")
-"""What is imported before a worker is ready, beside this module: the compiler and all that it needs."""
 PIPE_ERRORS = (BrokenPipeError, ConnectionResetError)
 
 

@@ -60,7 +60,7 @@ from fraexp_plugins.estimators._shared.possible_motions import draw_errors, like
 from fraexp_plugins.estimators._shared.standstill import HiddenForce, hidden_forces
 
 
-class EffectiveInput(ObserverEstimator, name="effective_input", version=15):
+class EffectiveInput(ObserverEstimator, name="effective_input", version=16):
     """P̂ = y'/û_e with û_e = G_di G_do u - f̂: the effective control input observer, eqs (2)-(5).
 
     y' drives the friction model in the time domain; the delays act at each frequency. With the right friction model P̂
@@ -290,7 +290,7 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=15):
         """
         if found.response is None or self.method or not any(c.observer.law.state_size for c in forces.contacts):
             return ()
-        force = np.abs(np.concatenate([each.mean(axis=0) for each in forces.friction_phasors()]))
+        force = np.abs(np.concatenate([each.mean(axis=0) for each in forces.friction_phasors]))
         with np.errstate(divide="ignore", invalid="ignore"):  # where nothing moves
             ratio = force / found.response.input_amplitude
             cost = 20 * np.log10(1 + ratio / 100)
@@ -421,7 +421,7 @@ class EffectiveInput(ObserverEstimator, name="effective_input", version=15):
         if self.method is not None:
             return self._estimate_by_method(self.method, forces.with_effective_input(self))
         units = (signals.unit(self.input), signals.unit(self.output))
-        pairs = zip(self.thrust_phasors(signals.segments), forces.friction_phasors(), strict=True)
+        pairs = zip(self.thrust_phasors(signals.segments), forces.friction_phasors, strict=True)
         inputs = [thrust - friction for thrust, friction in pairs]
         if outputs is None:
             outputs = [phasors(segment, self.output) for segment in signals.segments]

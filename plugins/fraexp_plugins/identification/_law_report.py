@@ -100,6 +100,8 @@ class IdentifiedPlant:
     """K [N/m]; 0 if it is not significant."""
     dead_time: float
     """Dead time that is left in P̂ [s]; 0 unless it was free."""
+    lag: float
+    """Time constant of a lag that is left in P̂ [s]; 0 unless one was looked for."""
     fall: float
     """How many standard deviations D was below 0 before it was fixed at 0."""
     errors: NDArray[np.float64]
@@ -108,13 +110,18 @@ class IdentifiedPlant:
     """Frequencies that were fitted [Hz], shape (n,)."""
 
 
-def identify_plant(inverse: InverseResponse, response: FrequencyResponse, modal: ModalFit) -> IdentifiedPlant:
-    """Return the plant in 1/P̂; its response is `response` with other values. RecordError if there is none.
+def identify_plant(
+    inverse: InverseResponse, response: FrequencyResponse, modal: ModalFit, may_lag: bool = False
+) -> IdentifiedPlant:
+    """Return the plant in 1/P̂, behind a lag if it `may_lag` and shows one; RecordError if there is none.
+
+    Its response is `response` with other values.
 
     The error of the friction model is common to all frequencies, not independent at each. If the plant leaves less than
     the model error of `modal`, that is taken for its error.
     """
-    found = modal.model_copy(update={"fit_ground": True}).solve(inverse.response(response), inverse.relative_columns)
+    held = modal.model_copy(update={"fit_ground": True})
+    found = held.solve(inverse.response(response), inverse.relative_columns, may_lag)
     solution = _with_smaller_error(found.solution, modal.model_error)
     model, covariance = solution.model, solution.model.slopes(solution.p) @ square_root(solution.covariance)
     own = slice(model.ground_place, model.ground_place + len(model.ground))
@@ -132,7 +139,7 @@ def identify_plant(inverse: InverseResponse, response: FrequencyResponse, modal:
     moved = plant.model.jacobian(plant.p, bare.s) @ square_root(solution.covariance)[kept]
     errors = NORMAL_QUANTILE * np.linalg.norm([moved.real, moved.imag], axis=2).max(axis=0)
     ground = float(viscous), float(viscous_std), float(spring)
-    return IdentifiedPlant(fit, *ground, delay, found.fall, errors, bare.frequency)
+    return IdentifiedPlant(fit, *ground, delay, model.lag(solution.p), found.fall, errors, bare.frequency)
 
 
 def _with_smaller_error(solution: Solution, model_error: float) -> Solution:
@@ -377,6 +384,8 @@ class LawReport:
     """Dead time before the plant that was known [s], beside the one that was found."""
     stated_mass: float | None = None
     """Moving mass of the data sheet [kg]; None if it is not known."""
+    lag: float = 0.0
+    """Time constant of the lag that was found before the plant [s]; 0 if none was."""
 
     @property
     def _viscous(self) -> tuple[float, float]:
@@ -401,6 +410,8 @@ class LawReport:
         yield Metric("viscous coefficient", self._viscous[0], "N s/m")
         yield Metric("viscous coefficient, 95 %", NORMAL_QUANTILE * self._viscous[1], "N s/m")
         yield Metric("input_dead_time", self.known_dead_time + found.dead_time, "s")
+        if self.lag:
+            yield Metric("input_time_constant", self.lag, "s")
         yield Metric("Stribeck force", best.law.static_excess, "1")
         yield from (Metric(name, float(np.median(values)), "1") for name, values in self.scatters.items())
         yield Metric("ratio", best.residual, "1")

@@ -14,7 +14,7 @@ def parameter_symbol(name: str) -> str:
     """Return the literature's letter for a parameter, such as f1 for frequencies.0."""
     head, _, number = name.partition(".")
     letters = {"rigid_body_gain": "k0", "frequencies": "f", "damping_ratios": "ζ", "modal_gain_ratios": "r"}
-    letters |= {"viscous_coefficient": "D", "ground_stiffness": "K", "dead_time": "L"}
+    letters |= {"viscous_coefficient": "D", "ground_stiffness": "K", "dead_time": "L", "time_constant": "T"}
     return letters[head] + (str(int(number) + 1) if number else "") if head in letters else name
 
 
@@ -174,10 +174,11 @@ GROUND = {"viscous_coefficient": 1, "ground_stiffness": 0}
 
 @dataclass(frozen=True)
 class ModalModel:
-    """G(s) = e^{-Ls}/(1/P(s) + D s + K) with P(s) = k0 S(s), S(s) = 1/s² + Σ r_i / (s² + 2 ζ_i ω_i s + ω_i²).
+    """G(s) = e^{-Ls}/(1 + T s)/(1/P(s) + D s + K), P(s) = k0 S(s), S(s) = 1/s² + Σ r_i / (s² + 2 ζ_i ω_i s + ω_i²).
 
-    It is a function of p = (ln k0; ln f_i, ln ζ_i, r_i for each mode; k0 D/ω_l and k0 K/ω_l² if they are free; ω_h L if
-    L is free), with the limits ω_l and ω_h [rad/s] of the frequency range: all of p is of the order of 1.
+    It is a function of p = (ln k0; ln f_i, ln ζ_i, r_i for each mode; k0 D/ω_l and k0 K/ω_l² if they are free; ω_h L
+    and ω_h T if they are free), with the limits ω_l and ω_h [rad/s] of the frequency range: all of p is of the order
+    of 1.
     """
 
     modes: int
@@ -189,11 +190,23 @@ class ModalModel:
     """Those of `GROUND` that are free; the others are 0."""
     dead_time: float | None = None
     """L if it is fixed [s]; None if it is free."""
+    time_constant: float | None = 0.0
+    """T if it is fixed [s]; None if it is free."""
 
     @property
     def size(self) -> int:
         """Length of p."""
-        return self.ground_place + len(self.ground) + (self.dead_time is None)
+        return self.path_place + len(self.path)
+
+    @property
+    def path(self) -> tuple[str, ...]:
+        """Names of L and T, as many as are free."""
+        return tuple(name for name in ("dead_time", "time_constant") if getattr(self, name) is None)
+
+    @property
+    def path_place(self) -> int:
+        """Place in p behind the ground."""
+        return self.ground_place + len(self.ground)
 
     @property
     def ground_place(self) -> int:
@@ -234,7 +247,7 @@ class ModalModel:
 
     def log_response(self, p: NDArray[np.float64], s: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return ln G(s), shape (n,); its imaginary part is the phase [rad] up to whole turns."""
-        return p[0] - np.log(self._parts(p, s)[2]) - s * self.delay(p)
+        return p[0] - np.log(self._parts(p, s)[2]) - s * self.delay(p) - np.log1p(s * self.lag(p))
 
     def jacobian(self, p: NDArray[np.float64], s: NDArray[np.complex128]) -> NDArray[np.complex128]:
         """Return the derivative of ln G(s) by p, complex, shape (n, size)."""
@@ -248,11 +261,10 @@ class ModalModel:
             found[:, 1 + 3 * i] = of_pole * (2 * zeta * omega * s + 2 * omega**2)
             found[:, 2 + 3 * i] = of_pole * (2 * zeta * omega * s)
             found[:, 3 + 3 * i] = slope * mode
-        found[:, self.ground_place : self.ground_place + len(self.ground)] = (
-            -self.ground_columns(s) * self.ground_units / inverse[:, None]
-        )
-        if self.dead_time is None:
-            found[:, -1] = -self.time_unit * s
+        found[:, self.ground_place : self.path_place] = -self.ground_columns(s) * self.ground_units / inverse[:, None]
+        slopes = {"dead_time": -s, "time_constant": -s / (1 + s * self.lag(p))}
+        for place, name in enumerate(self.path, self.path_place):
+            found[:, place] = self.time_unit * slopes[name]
         return found
 
     def poles(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -265,7 +277,11 @@ class ModalModel:
 
     def delay(self, p: NDArray[np.float64]) -> float:
         """Return the dead time L [s]."""
-        return float(p[-1] * self.time_unit) if self.dead_time is None else self.dead_time
+        return float(p[self.path_place] * self.time_unit) if self.dead_time is None else self.dead_time
+
+    def lag(self, p: NDArray[np.float64]) -> float:
+        """Return the time constant T [s]."""
+        return float(p[-1] * self.time_unit) if self.time_constant is None else self.time_constant
 
     def sort_modes(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return p with the modes in ascending order of frequency."""
@@ -273,11 +289,11 @@ class ModalModel:
         return np.concatenate([p[:1], modes[np.argsort(modes[:, 0])].ravel(), p[self.ground_place :]])
 
     def names(self) -> tuple[str, ...]:
-        """Return the names of the parameters in p; all except ``dead_time`` are those of `Modal`."""
+        """Return the names of the parameters in p; all except those of `path` are those of `Modal`."""
         modes = [
             f"{name}.{i}" for i in range(self.modes) for name in ("frequencies", "damping_ratios", "modal_gain_ratios")
         ]
-        return ("rigid_body_gain", *modes, *self.ground, *["dead_time"] * (self.dead_time is None))
+        return ("rigid_body_gain", *modes, *self.ground, *self.path)
 
     def values(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return their values in SI units, shape (size,)."""
@@ -285,9 +301,8 @@ class ModalModel:
         values[0] = np.exp(p[0])
         for first in (1, 2):
             values[first : self.ground_place : 3] = np.exp(p[first : self.ground_place : 3])
-        values[self.ground_place : self.ground_place + len(self.ground)] = self.ground_forces(p)
-        if self.dead_time is None:
-            values[-1] = self.delay(p)
+        values[self.ground_place : self.path_place] = self.ground_forces(p)
+        values[self.path_place :] *= self.time_unit
         return values
 
     def slopes(self, p: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -296,16 +311,15 @@ class ModalModel:
         for first in (1, 2):
             scale[first : self.ground_place : 3] = values[first : self.ground_place : 3]
         scale[0] = values[0]
-        own = np.arange(self.ground_place, self.ground_place + len(self.ground))
+        own = np.arange(self.ground_place, self.path_place)
         scale[own] = self.ground_units / values[0]
-        if self.dead_time is None:
-            scale[-1] = self.time_unit
+        scale[self.path_place :] = self.time_unit
         found = np.diag(scale)
         found[own, 0] = -values[own]
         return found
 
     def plant(self, p: NDArray[np.float64]) -> Modal:
-        """Return the plant, without the dead time."""
+        """Return the plant, without dead time and lag."""
         values = self.values(p)
         modes = values[1 : self.ground_place].reshape(-1, 3)
         return Modal(

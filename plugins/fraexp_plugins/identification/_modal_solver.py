@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -82,6 +83,8 @@ class ModelEnd(NamedTuple):
     """Their standard deviations."""
     delay: float
     """Dead time [s]."""
+    lag: float = 0.0
+    """Time constant [s]."""
 
 
 def start_vectors(
@@ -92,7 +95,7 @@ def start_vectors(
     For given poles, ground and dead time the response is linear in k0 and k0 r_i. Relative errors are weighted, so that
     antiresonances tell as much as resonances.
     """
-    undelayed = data.response * np.exp(data.s * end.delay)
+    undelayed = data.response * np.exp(data.s * end.delay) * (1 + data.s * end.lag)
     # k0 S = G/(1 - (D s + K) G): as an equation for S that is linear, and does not divide by a small difference
     factor = 1 - model.ground_columns(data.s) @ end.ground * undelayed
     doubt = np.abs(model.ground_columns(data.s)) @ end.ground_std * np.abs(undelayed / factor)
@@ -151,11 +154,15 @@ def _real(values: NDArray[np.complex128]) -> NDArray[np.float64]:
 
 
 def _ends(model: ModalModel, data: LogResponse) -> Iterator[ModelEnd]:
-    """Yield the ends to try: each dead time without ground, and with the ground that the lowest points show."""
-    for delay in _dead_times(model, data):
-        yield ModelEnd(np.zeros(len(model.ground)), np.zeros(len(model.ground)), delay)
+    """Yield the ends to try: each dead time without ground, and with the ground that the lowest points show.
+
+    A lag is tried in place of a dead time as long.
+    """
+    lags = (0.0, model.time_unit) if model.time_constant is None else (0.0,)
+    for delay, lag in product(_dead_times(model, data), lags):
+        yield ModelEnd(np.zeros(len(model.ground)), np.zeros(len(model.ground)), delay - lag, lag)
         if model.ground:
-            yield ModelEnd(*low_ground(model, data, delay), delay)
+            yield ModelEnd(*low_ground(model, data, delay), delay - lag, lag)
 
 
 def _dead_times(model: ModalModel, data: LogResponse) -> list[float]:
@@ -199,8 +206,10 @@ def _vector(
     model: ModalModel, gains: NDArray[np.float64], poles: NDArray[np.float64], end: ModelEnd
 ) -> NDArray[np.float64]:
     modes = np.column_stack([np.log(poles), gains[1:] / gains[0]])
-    ends = [*(end.ground * gains[0] / model.ground_units), *[end.delay / model.time_unit] * (model.dead_time is None)]
-    return model.sort_modes(np.concatenate([[np.log(gains[0])], modes.ravel(), ends]))
+    known = {"dead_time": end.delay, "time_constant": end.lag}
+    path = [known[name] / model.time_unit for name in model.path]
+    ground = end.ground * gains[0] / model.ground_units
+    return model.sort_modes(np.concatenate([[np.log(gains[0])], modes.ravel(), ground, path]))
 
 
 TRIALS = 2
@@ -374,7 +383,7 @@ def _search(model: ModalModel, data: LogResponse, before: Solution | None) -> ND
     ways = [[p for end in _ends(model, data) for p in start_vectors(model, data, end, even)]]
     if before is not None:
         forces = before.model.ground_forces(before.p)
-        end = ModelEnd(forces, np.zeros(forces.size), before.model.delay(before.p))
+        end = ModelEnd(forces, np.zeros(forces.size), before.model.delay(before.p), before.model.lag(before.p))
         outside = np.array([[np.sqrt(FREQUENCY_MARGIN) * data.frequency[-1], FIRST_DAMPING_RATIO]])
         for added, relocations in ((even, RELOCATIONS), (outside, 0)):
             extended = [np.concatenate([before.poles, [pole] * (model.modes - len(before.poles))]) for pole in added]
@@ -463,6 +472,11 @@ def _modes(solution: Solution) -> Iterator[str]:
         else:
             continue
         yield f"a mode at {frequency:.4g} Hz ({why})"
+
+
+def shows_lag(solution: Solution) -> bool:
+    """Return whether the time constant of a fit is significantly above 0, with points left out too."""
+    return bool(solution.p[-1] > significant_deviation() * _std(solution, np.eye(solution.p.size)[-1]))
 
 
 def _std(solution: Solution, slope: NDArray[np.float64]) -> float:

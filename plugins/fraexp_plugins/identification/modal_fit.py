@@ -47,6 +47,7 @@ from fraexp_plugins.identification._modal_solver import (
     information_criterion,
     low_ground,
     mode_limit,
+    shows_lag,
     unsupported_parts,
 )
 
@@ -342,8 +343,13 @@ class ModalFit(Estimator, name="modal_fit", version=12):
         parts = 1 if self.quantity == "magnitude" else 2
         return log_response(response, band, self.weighting, self.model_error, parts, common)
 
-    def solve(self, response: FrequencyResponse, common: NDArray[np.complex128] | None = None) -> CheckedFit:
-        """Return the fit to a response; `common` are relative errors that all frequencies share, shape (n, k)."""
+    def solve(
+        self, response: FrequencyResponse, common: NDArray[np.complex128] | None = None, may_lag: bool = False
+    ) -> CheckedFit:
+        """Return the fit to a response, with a first-order lag if it `may_lag` and shows one.
+
+        `common` are relative errors that all frequencies share, shape (n, k).
+        """
         data = self.log_data(response, common)
         dead_time = 0.0 if self.quantity == "magnitude" and self.dead_time is None else self.dead_time
         if not data.frequency.size:
@@ -352,7 +358,7 @@ class ModalFit(Estimator, name="modal_fit", version=12):
                 "max_frequency"
             )
         limits = float(data.frequency[0]), float(data.frequency[-1])
-        model = ModalModel(self.modes or 0, *limits, (), dead_time)
+        model = ModalModel(self.modes or 0, *limits, (), dead_time, None if may_lag else 0.0)
         if self.fit_ground:
             sizes = zip(GROUND, *low_ground(replace(model, ground=tuple(GROUND)), data), strict=True)
             kept = [
@@ -362,6 +368,9 @@ class ModalFit(Estimator, name="modal_fit", version=12):
             ]
             model = replace(model, ground=tuple(kept))
         solution, unsupported = self._fit_modes(model, data)
+        if model.time_constant is None and not shows_lag(solution):
+            model = replace(model, time_constant=0.0)
+            solution, unsupported = self._fit_modes(model, data)
         negative, fall = "", 0.0
         for name in reversed(model.ground):
             place = solution.model.names().index(name)
@@ -454,7 +463,7 @@ def _units(model: ModalModel, unit: str) -> tuple[str, ...]:
         if plant
         else {"viscous_coefficient": f"s/({unit})", "ground_stiffness": f"1/({unit})"}
     )
-    ends = [*(ground[name] for name in model.ground), *["s"] * (model.dead_time is None)]
+    ends = [*(ground[name] for name in model.ground), *["s"] * len(model.path)]
     return ("m/(N s**2)" if plant else f"({unit})/s**2", *["Hz", "1", "1"] * model.modes, *ends)
 
 
@@ -512,9 +521,9 @@ def _remarks(solution: Solution) -> Iterator[Finding | str]:
             "frequency range, and check the friction model"
         )
     if solution.model.dead_time is None:
-        values, covariance = _values(solution)
-        if values[-1] < -significant_deviation() * np.sqrt(covariance[-1, -1]):
+        (values, covariance), place = _values(solution), solution.model.path_place
+        if values[place] < -significant_deviation() * np.sqrt(covariance[place, place]):
             yield (
-                f"the dead time is {values[-1]:.3g} s: the method removes more delay than there is; lower its dead "
+                f"the dead time is {values[place]:.3g} s: the method removes more delay than there is; lower its dead "
                 "times, or fix dead_time"
             )

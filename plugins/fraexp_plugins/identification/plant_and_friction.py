@@ -1,5 +1,6 @@
 """Plant and friction together from records at several amplitudes, without any known friction parameter."""
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import Literal
 
@@ -11,6 +12,7 @@ from fraexp.api import (
     Finding,
     FrictionModel,
     Metric,
+    Outcome,
     ParameterError,
     Quantity,
     RecordError,
@@ -34,7 +36,7 @@ MAX_LINE_SCATTER = 0.1
 """Relative scatter of P̂ over the amplitudes up to which a frequency counts for the plant."""
 
 
-class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=9):
+class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=11):
     """Friction, P̂ and the plant of eq (1) together, such that P̂ is the same at all amplitudes and phases.
 
     G_di G_do U_a = Y_a/P + F_a for each record a, at each excited line, with a 1/P of its own, and at the odd harmonics
@@ -48,8 +50,9 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=9):
 
     This does not separate a force that is linear in the motion from the plant. A rigid body with modes, eq (1), is
     neither damped nor held: viscous friction D v and a spring are what `modal_fit` needs in addition, and are removed
-    from P̂. If that damping is the plant's own, the sum of both is still right. With `estimate_dead_time` the dead time
-    is the one with which that plant leaves least.
+    from P̂. If that damping is the plant's own, the sum of both is still right. With `estimate_dead_time` dead time and
+    a first-order lag of the thrust, if the records show one, are those with which that plant leaves least. Where there
+    is a lag, the law is chosen again behind it: the metric `input_time_constant`.
 
     The covariances of P̂ and plant include that of the friction model. The interval of the Coulomb force is that of all
     laws that leave as little as the best one; with `law = "any"` it includes friction that weakens in sliding. Such
@@ -60,8 +63,9 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=9):
     With `validation` the last segments are held out: the metric `validation error` is the part of their control input
     that the identified plant and friction do not explain along the measured motion.
 
-    It is ok if the law explains the records, and what the plant leaves of P̂, the validation error, the scatter over the
-    records, and the 95 % bands of plant and Coulomb force are within the accuracy of the study.
+    Segments that have not settled are left out. It is ok if the law explains the records, and what the plant leaves of
+    P̂, the validation error, the scatter over the records, and the 95 % bands of plant and Coulomb force are within the
+    accuracy of the study.
 
     `scatter before`, `scatter after` and `noise floor` are the medians over the lines of the relative scatter of P̂ over
     the records with and without friction, and of what noise explains; `ratio` is the residual over what is allowed for.
@@ -123,16 +127,27 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=9):
         count = len(signals.segments) - self.validation
         fresh = replace(signals, segments=signals.segments[count:])
         used = usable_signals(replace(signals, segments=signals.segments[:count]), self.output, self.name)
-        selection = LawSelection(used, self._observer(), self.model_error, self.estimate_dead_time)
+        if used.outcome is Outcome.NOT_SETTLED:  # what has not settled is left out, and harms nothing
+            used = replace(used, outcome=Outcome.OK)
+        found = self._chosen(used)
+        lag = self._lag(used, found) if self.estimate_dead_time else 0.0
+        if lag:
+            known = self.model_copy(update={"input_time_constants": (*self.input_time_constants, lag)})
+            return known._result(used, fresh, known._chosen(used), lag)
+        return self._result(used, fresh, found, lag)
+
+    def _chosen(self, signals: Signals) -> LawChoice:
+        """Return the law that explains records best."""
+        selection = LawSelection(signals, self._observer(), self.model_error, self.estimate_dead_time)
         found = selection.choose((*self.laws, *self.starts), self.law == "any")
         self._check(found)
-        found = self._with_dead_time(used, found) if self.estimate_dead_time else found
-        remark, plant = "", None
-        try:
-            plant = self._plant(used, found, self._modal())
-        except RecordError as error:
-            remark = f"no plant identified: {error}"
-        return self._result(used, fresh, found, plant, remark)
+        return found
+
+    def _lag(self, signals: Signals, found: LawChoice) -> float:
+        """Return the time constant [s] of a lag in P̂; the dead time of the law has stood for it so far."""
+        with suppress(RecordError):
+            return self._plant(signals, found, self._modal(dead_time=None), may_lag=True).lag
+        return 0.0
 
     def _observer(self) -> EffectiveInput:
         names = set(EffectiveInput.model_fields) & set(type(self).model_fields)
@@ -178,7 +193,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=9):
                 break
         return found
 
-    def _plant(self, signals: Signals, found: LawChoice, modal: ModalFit) -> IdentifiedPlant:
+    def _plant(self, signals: Signals, found: LawChoice, modal: ModalFit, may_lag: bool = False) -> IdentifiedPlant:
         """Return the plant in P̂ at the frequencies at which the records agree; RecordError if there is none."""
         scatter, _ = found.scatter(found.effective)
         response = found.response(signals, (self.input, self.output)).response
@@ -190,7 +205,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=9):
             )
         usable = replace(response, settled=response.settled & (scatter <= MAX_LINE_SCATTER))
         with np.errstate(all="ignore"):  # where nothing is identifiable
-            return identify_plant(found.inverse, usable, modal)
+            return identify_plant(found.inverse, usable, modal, may_lag)
 
     def _validation_error(self, fresh: Signals, found: LawChoice, plant: IdentifiedPlant) -> float:
         """Return the part of the thrust in fresh records that plant and friction do not explain."""
@@ -205,14 +220,18 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=9):
         at = records.known & records.is_excited[:, None]
         return float(np.sqrt(np.sum(np.abs(left[at]) ** 2) / np.sum(np.abs(thrust[at]) ** 2)))
 
-    def _result(
-        self, signals: Signals, fresh: Signals, found: LawChoice, plant: IdentifiedPlant | None, remark: str
-    ) -> Result:
+    def _result(self, signals: Signals, fresh: Signals, found: LawChoice, lag: float) -> Result:
         """Return all that was found, with what makes it doubtful."""
+        found = self._with_dead_time(signals, found) if self.estimate_dead_time else found
+        remark, plant = "", None
+        try:
+            plant = self._plant(signals, found, self._modal())
+        except RecordError as refusal:
+            remark = f"no plant identified: {refusal}"
         fitted = found.response(signals, (self.input, self.output))
         before = (*fitted.findings, *found.left_out)
         fitted = plant.fit if plant else fitted
-        report = LawReport(found, plant, self.input_dead_time, self.mass)
+        report = LawReport(found, plant, self.input_dead_time, self.mass, lag)
         found_errors, validation = list(report.errors()), []
         if self.validation and plant:
             error = self._validation_error(fresh, found, plant)

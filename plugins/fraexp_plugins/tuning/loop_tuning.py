@@ -199,6 +199,8 @@ def _is_same(first: LimitCycle, second: LimitCycle) -> bool:
 
 IDENTIFIED_DEAD_TIME = "input_dead_time"
 """Metric by which a method says the dead time that it has identified: all of it."""
+IDENTIFIED_LAG = "input_time_constant"
+"""Metric of a lag before the plant that a method has identified beside those that it knew."""
 DELAYS = ("input_dead_time", "input_time_constants", "output_dead_time", "output_time_constants")
 
 
@@ -232,8 +234,10 @@ class _LoopPath(NamedTuple):
         method = innermost_method(stated)
         known = {name: getattr(method, name, None) for name in DELAYS}
         late = dict(zip(fit.parameters, fit.values.tolist(), strict=True)).get("dead_time", 0.0)
-        identified = {metric.name: metric.value for metric in found.metrics}.get(IDENTIFIED_DEAD_TIME)
-        before = known["input_dead_time"] or 0.0 if identified is None else identified
+        identified = {metric.name: metric.value for metric in found.metrics}
+        before = identified.get(IDENTIFIED_DEAD_TIME, known["input_dead_time"] or 0.0)
+        if (lag := identified.get(IDENTIFIED_LAG)) is not None:
+            known["input_time_constants"] = (*(known["input_time_constants"] or ()), lag)
         lags = [given[name] if given[name] is not None else known[name] or () for name in DELAYS[1::2]]
         return cls(
             given["sample_time"],

@@ -1,15 +1,15 @@
 """The contacts of a machine along a record: how far each moves, and how its friction acts on the response."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import ROUNDING, ParameterError, Ports, Segment, Signals, record_spectrum
-from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT, ObserverEstimator
+from fraexp_plugins.estimators._shared.effective_input_observer import EFFECTIVE_INPUT, ObserverEstimator, at_lines
 from fraexp_plugins.estimators._shared.friction_posterior import harmonic_lines, line_omega, record_terms
 
 Ratio = Callable[[NDArray[np.float64]], NDArray[np.complex128]]
@@ -45,20 +45,22 @@ class ContactFriction(NamedTuple):
         return np.asarray(np.abs(self.thrust_ratio(omega)) * greatest * moved)
 
 
-class ContactForces(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class ContactForces:
     """A record with the displacements of its contacts, and the friction force at each."""
 
     signals: Signals
     contacts: tuple[ContactFriction, ...]
 
+    @cached_property
     def friction_phasors(self) -> list[NDArray[np.complex128]]:
-        """Return the phasors of all friction as thrust [N] per segment, each of shape (periods, lines)."""
+        """Phasors of all friction as thrust [N] per segment, each of shape (periods, lines)."""
         segments = self.signals.segments
         found = [np.zeros((len(next(iter(s.channels.values()))), s.lines.size), dtype=complex) for s in segments]
         for contact in self.contacts:
             forces = contact.observer.friction_phasors(segments, contact.forces)
-            for number, (segment, force) in enumerate(zip(segments, forces, strict=True)):
-                found[number] = found[number] + contact.thrust_ratio(2 * np.pi * segment.frequency) * force
+            given = zip(found, at_lines(segments, contact.thrust_ratio), forces, strict=True)
+            found = [others + ratio * force for others, ratio, force in given]
         return found
 
     def friction_spectrum(self, number: int) -> NDArray[np.complex128]:

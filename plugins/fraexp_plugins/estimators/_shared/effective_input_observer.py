@@ -2,7 +2,7 @@
 
 import itertools
 from abc import ABC
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple, Self
@@ -133,10 +133,13 @@ class ObserverEstimator(DelayedEstimator, ABC):
 
     def linear_phasors(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
         """Return the phasors of G_di G_do u less viscous friction [N] per segment, each of shape (periods, lines)."""
-        return [
-            thrust - 2j * np.pi * segment.frequency * self.law.viscous * phasors(segment, self.output)
-            for segment, thrust in zip(segments, self.thrust_phasors(segments), strict=True)
-        ]
+        thrusts, viscous = self.thrust_phasors(segments), self._viscous_phasors(segments)
+        return [thrust - force for thrust, force in zip(thrusts, viscous, strict=True)]
+
+    def _viscous_phasors(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
+        """Return the phasors of viscous friction [N] per segment, each of shape (periods, lines)."""
+        slopes = at_lines(segments, lambda omega: np.asarray(1j * omega * self.law.viscous))
+        return [slope * phasors(segment, self.output) for slope, segment in zip(slopes, segments, strict=True)]
 
     def thrust_phasors(self, segments: Sequence[Segment]) -> list[NDArray[np.complex128]]:
         """Return the phasors of G_di G_do u [N] per segment, each of shape (periods, lines)."""
@@ -220,19 +223,15 @@ class ObserverEstimator(DelayedEstimator, ABC):
     ) -> list[NDArray[np.complex128]]:
         """Return the phasors of the friction model's force [N] per segment, each of shape (periods, lines)."""
         forces = self._forces(segments) if forces is None else forces
-        return [
-            fourier_sums(periods, segment.lines) * self.force_factor(2 * np.pi * segment.frequency)
-            for segment, periods in zip(segments, forces, strict=True)
-        ]
+        given = zip(segments, forces, at_lines(segments, self.force_factor), strict=True)
+        return [fourier_sums(periods, segment.lines) * factor for segment, periods, factor in given]
 
     def friction_phasors(
         self, segments: Sequence[Segment], forces: Sequence[NDArray[np.float64]] | None = None
     ) -> list[NDArray[np.complex128]]:
         """Return the phasors of all friction [N], viscous friction included, each of shape (periods, lines)."""
-        return [
-            force + 2j * np.pi * segment.frequency * self.law.viscous * phasors(segment, self.output)
-            for segment, force in zip(segments, self._friction_phasors(segments, forces), strict=True)
-        ]
+        pairs = zip(self._friction_phasors(segments, forces), self._viscous_phasors(segments), strict=True)
+        return [force + viscous for force, viscous in pairs]
 
     def force_factor(self, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return the factor from the model's force to that in û_e, shape (n,), at ω [rad/s]."""
@@ -275,11 +274,20 @@ class ObserverEstimator(DelayedEstimator, ABC):
         self, segments: Sequence[Segment], *motions: Sequence[Sequence[Motion]]
     ) -> list[list[NDArray[np.float64]]]:
         """Return the force along each segment for each of several sets of motions, which are run side by side."""
-        forces = iter(self.law.forces([motion for of_set in motions for own in of_set for motion in own]))
+        forces = iter(self.forces_along([motion for of_set in motions for own in of_set for motion in own]))
         return [
             [_with_scatter([next(forces) for _ in own], len(segment.channels[self.output])) for segment, own in pairs]
             for pairs in (zip(segments, of_set, strict=True) for of_set in motions)
         ]
+
+    def forces_along(self, motions: Sequence[Motion]) -> list[NDArray[np.float64]]:
+        """Return the friction model's force [N] along motions, each of its displacement's shape.
+
+        Of a motion that repeats, the turns are all that a model without memory of its speed needs of the period before.
+        """
+        if self.law.has_unique_periodic_force:
+            motions = [motion._replace(lead_in=_turns(motion)) if motion.periodic else motion for motion in motions]
+        return self.law.forces(motions)
 
     def _motions_of_periods(self, segment: Segment, whole: Motion) -> list[Motion]:
         """Return the motion of each single period, with the terms that stand out of the noise of the whole record."""
@@ -346,6 +354,23 @@ class ObserverEstimator(DelayedEstimator, ABC):
             return bins
         omega = 2 * np.pi * np.fft.rfftfreq(size, sample_time)
         return bins / path_response(omega, 0.0, self.output_time_constants)
+
+
+def at_lines(
+    segments: Sequence[Segment], ratio: Callable[[NDArray[np.float64]], NDArray[np.complex128]]
+) -> list[NDArray[np.complex128]]:
+    """Return a function of ω [rad/s] at the excited lines of each segment, shape (lines,) each; it is called once."""
+    if not segments:
+        return []
+    omega = 2 * np.pi * np.concatenate([segment.frequency for segment in segments])
+    return np.split(ratio(omega), np.cumsum([segment.lines.size for segment in segments])[:-1])
+
+
+def _turns(motion: Motion) -> NDArray[np.float64]:
+    """Return the displacement where a motion begins, turns and ends [m]."""
+    rises, is_kept = np.diff(motion.displacement) > 0, np.ones(motion.displacement.size, dtype=bool)
+    is_kept[1:-1] = rises[1:] != rises[:-1]
+    return motion.displacement[is_kept]
 
 
 def _examined(segments: Sequence[Segment]) -> Sequence[Segment]:

@@ -64,7 +64,7 @@ def unsampled_errors(
 ) -> list[ForceErrors]:
     """Return the errors by the motion that the friction of the only contact causes above the Nyquist frequency."""
     motions = [observer.mean_motion(segment) for segment in segments]
-    along = observer.law.forces(motions)
+    along = observer.forces_along(motions)
     found = [
         _motion_above_nyquist(observer, segment, force, plant) for segment, force in zip(segments, along, strict=True)
     ]
@@ -72,7 +72,7 @@ def unsampled_errors(
         motion._replace(displacement=motion.displacement + lacking / observer.displacement_scale)
         for motion, (_, lacking) in zip(motions, found, strict=True)
     ]
-    changes = zip(segments, found, along, observer.law.forces(moved), strict=True)
+    changes = zip(segments, found, along, observer.forces_along(moved), strict=True)
     errors = []
     for segment, (aliases, _), taken, true in changes:
         omega = 2 * np.pi * segment.frequency

@@ -41,7 +41,7 @@ def likely_motions(
         for segment, each in zip(segments, measured, strict=True)
     ]
     caused = []
-    for force, each in zip(observer.law.forces(driving), measured, strict=True):
+    for force, each in zip(observer.forces_along(driving), measured, strict=True):
         own = np.fft.rfft(force)[: each.terms.size] / force.size * observer.force_factor(each.omega)
         own[each.lines], own[0] = 0, 0
         caused.append(own)
@@ -134,7 +134,7 @@ def _force_errors(
     for (segment, *_), (own, change) in zip(drawn, moved, strict=True):
         driving += motions_of(observer, segment, np.vstack([own.taken, own.taken + change]), own.duration)
         driving += motions_of(observer, segment, own.taken[None], own.duration, FINER)
-    forces = iter(observer.law.forces(driving))
+    forces = iter(observer.forces_along(driving))
     for number, (segment, lines, *_), (own, change) in zip(numbers, drawn, moved, strict=True):
         at_lines, recorded = own.omega[lines], lines * np.gcd.reduce(segment.lines)
         sums = fourier_sums(np.stack([next(forces) for _ in range(DRAWS + 2)]), lines)
