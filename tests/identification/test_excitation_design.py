@@ -120,7 +120,8 @@ def test_the_bands_of_a_plan_are_those_of_the_estimate(short, registry):
     fit = RecordFit.around(method.problem(short, NOISE, friction), plant)
     records = planned_records(replace(fit, free=FreeParameters(SCALES, nonzero_numbers(plant))), (12.0,) * 12)
     response = method.estimate(short).response
-    found = response.standard_deviation / np.abs(response.response)
+    true = np.abs(plant.response(2 * np.pi * response.frequency))
+    found = response.standard_deviation * true / np.abs(response.response) ** 2  # of 1/P̂, over the true 1/P
     np.testing.assert_allclose(Plan(tuple(records), (1,) * 12).standard_deviations(), found, rtol=0.06)
 
 

@@ -29,7 +29,7 @@ from fraexp_plugins.identification._law_comparison import fit_each
 from fraexp_plugins.identification._law_numbers import numbers_of, scaled_friction
 from fraexp_plugins.identification._likelihood import LinearRecord, NoiseLevel, greatest_ratio, likely_noise
 from fraexp_plugins.identification._machine_problem import NOISE, SCALES, MachineProblem, Models
-from fraexp_plugins.identification._modal_model import parameter_symbol
+from fraexp_plugins.identification._modal_model import GROUND, parameter_symbol
 from fraexp_plugins.identification._modal_solver import whiteness
 from fraexp_plugins.identification._motion_start import (
     PLANT_MODEL_ERROR,
@@ -103,12 +103,13 @@ class Fitted:
 
     @property
     def shared(self) -> NDArray[np.float64]:
-        """Logarithms of the shared factors, without the error of the replay's steps that is known, shape (p,)."""
-        return (
-            self.state.shared
-            if self.error is None
-            else self.fit.free.limit(self.state.shared + self.error.shared_change)
-        )
+        """Logarithms of the shared factors, shape (p,), without the known error of the replay's steps where models
+        allow that.
+        """
+        if self.error is None:
+            return self.state.shared
+        changed = self.fit.free.limit(self.state.shared + self.error.shared_change)
+        return self.state.shared if self.fit.model_at(changed) is None else changed
 
     @property
     def inverse(self) -> list[NDArray[np.complex128]]:
@@ -301,7 +302,7 @@ def least_told(found: Fitted) -> str:
 
 def _whole(problem: MachineProblem, fit: RecordFit, before: Fitted) -> Fitted:
     """Return the fit of all records with a response for each, from a joint one."""
-    joint = along_directions(_without_untold_modes(problem, _converged(problem, fit, before.state.shared)))
+    joint = along_directions(_without_untold_parts(problem, _converged(problem, fit, before.state.shared)))
     if problem.frictions:
         return replace(joint, error=replay_error(joint))
     whole = with_own_responses(joint)
@@ -319,25 +320,29 @@ def _whole(problem: MachineProblem, fit: RecordFit, before: Fitted) -> Fitted:
     return replace(alone, error=replay_error(alone))
 
 
-def _without_untold_modes(problem: MachineProblem, joint: Fitted) -> Fitted:
-    """Return the joint fit without modes that the records do not tell.
+def _without_untold_parts(problem: MachineProblem, joint: Fitted) -> Fitted:
+    """Return the joint fit without modes, and springs or dampers to ground, that the records do not tell.
 
-    Noise looks like a mode to the observer where friction hides the plant. It then takes part of the rigid body's
-    motion, so that friction's scales and the plant are known several times worse.
+    Noise looks like a mode to the observer where friction hides the plant, and presliding friction like a spring. They
+    then take part of the rigid body's motion, so that friction's scales and the plant are known several times worse.
     """
     plant = joint.models.plant
-    if not isinstance(plant, Modal) or problem.modes is not None or not joint.fit.free.plant:
+    if not isinstance(plant, Modal) or problem.modes is not None or not joint.fit.free.plant or not joint.explains:
         return joint
-    count, std = len(plant.frequencies), np.sqrt(np.diag(joint.covariances[0])[len(problem.free.names) :])
-    samples = sum(record.residual.size for record in joint.linear.records)
-    is_told = 3 * np.log(samples) * std.max(initial=0.0) ** 2 < 1  # by Wald's test of the three numbers of a mode
-    if not count or not joint.explains or is_told:
+    std = np.sqrt(np.diag(joint.covariances[0])[len(problem.free.names) : joint.state.shared.size])
+    chance = np.log(sum(record.residual.size for record in joint.linear.records)) * std**2  # by Wald's test
+    ground = [name for name, each in zip(joint.fit.free.plant, chance, strict=True) if name in GROUND and each > 1]
+    count = len(plant.frequencies)
+    if ground:
+        plant = plant.model_copy(update=dict.fromkeys(ground, 0.0))
+    elif count and 3 * chance.max() > 1:  # a mode has three numbers
+        plant, _ = MotionRecords.of(problem).plant(joint.models, count - 1, 10 * PLANT_MODEL_ERROR)
+    else:
         return joint
     logs = joint.state.shared[: len(problem.free.names)]
-    plant, _ = MotionRecords.of(problem).plant(joint.models, count - 1, 10 * PLANT_MODEL_ERROR)
     simpler = _converged(problem, replace(joint.fit, start=joint.fit.start.with_plant(plant)), logs)
     is_better = simpler.criterion(simpler.state.shared.size) < joint.criterion(joint.state.shared.size)
-    return _without_untold_modes(problem, simpler) if is_better else joint
+    return _without_untold_parts(problem, simpler) if is_better else joint
 
 
 def _converged(problem: MachineProblem, fit: RecordFit, shared: NDArray[np.float64], gives_up: bool = True) -> Fitted:

@@ -20,7 +20,7 @@ SCALES = (FORCE_SCALE, DISPLACEMENT_SCALE)
 DEAD_TIME = "input_dead_time"
 """Dead time before the thrust, which stands for all of the loop: a record does not tell it from one after the plant."""
 NOISE = "noise"
-MAX_LOG, MAX_DEAD_TIME_SAMPLES = 5.0, 100.0
+MAX_LOG, MAX_DEAD_TIME_SAMPLES = 20.0, 100.0
 """Bounds of the search: logarithm of a factor, change of the dead time in samples. They only keep numbers from
 overflowing that the records do not tell."""
 REPLAY_ERROR = 1e-5

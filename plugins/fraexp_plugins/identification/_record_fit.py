@@ -219,7 +219,7 @@ class RecordFit:
 
     def _positions(self, states: Sequence[State]) -> list[list[NDArray[np.float64]]]:
         """Return the periodic position [m] of each record, for each state; NaN where no model has its parameters."""
-        models = [self._model_at(state.shared) for state in states]
+        models = [self.model_at(state.shared) for state in states]
         trials = [
             Trial(record, model.replay, own)
             for state, model in zip(states, models, strict=True)
@@ -229,7 +229,7 @@ class RecordFit:
         positions, missing = iter(positions_of(trials)), [np.full(r.position.size, np.nan) for r in self.records]
         return [missing if model is None else [next(positions) for _ in self.records] for model in models]
 
-    def _model_at(self, shared: NDArray[np.float64]) -> Models | None:
+    def model_at(self, shared: NDArray[np.float64]) -> Models | None:
         """Return the machine with these parameters; None where its models do not allow them."""
         try:
             return self.free.applied_to(self.start, shared)
@@ -253,7 +253,7 @@ class RecordFit:
         across = COARSE_DIFFERENCE * np.eye(count) if self.directions is None else self.directions
         centre = self.free.applied_to(self.start, state.shared)
         steps = across.T if known is None else ()
-        models = [self._model_at(state.shared + sign * step) or centre for step in steps for sign in (1, -1)]
+        models = [self.model_at(state.shared + sign * step) or centre for step in steps for sign in (1, -1)]
         coarse = centre.replay.with_coarse_steps() if self.directions is None else centre.replay
         alike = [each.with_steps_of(coarse) for each in (centre, *models)]
         trials = [self._trials(record, alike, own) for record, own in zip(self.records, state.own, strict=True)]

@@ -16,7 +16,7 @@ from fraexp_plugins.identification._machine_problem import Models
 SETTLING_PART = 8
 """Part of a record that is left out, if it has as many cycles. Twice as much makes intervals 9 % wider."""
 MAX_SLOW_TERMS = 8
-"""Terms slower than the period that a drift has at most: more periods wander hardly faster."""
+"""Terms slower than a cycle that a drift has at most: of many cycles it wanders hardly faster."""
 START_STATES = 4
 """States that a record may have its own at its start: position and velocity of the rigid body and of a mode. As many
 samples before its end, in which a replay is taken there, do not count. With half of them a parameter of a LuGre law
@@ -29,7 +29,7 @@ class ReplayedRecord:
 
     Its own parameters are those of forces and of drift. The forces: real and negative imaginary part of a force [N]
     that is added to the control input at each excited line; by it the response at that line becomes any complex number.
-    The drift [m] is added to the position: an offset, a ramp, and, of several periods, terms slower than the period. A
+    The drift [m] is added to the position: an offset, a ramp, and, of several cycles, terms slower than a cycle. A
     replay is periodic, and what the axis does besides, as it wanders with noise or slides off, is small and slow. The
     drift also has what its start causes, to which its end does not lead.
     """
@@ -111,11 +111,12 @@ class ReplayedRecord:
     @cached_property
     def drifts(self) -> NDArray[np.float64]:
         """Offset, ramp and slow terms of the drift, and those of the start, shape (d, n)."""
-        periods, size = len(self.segment.channels[self.output]), self.position.size
+        size = self.position.size
+        cycles = int(np.gcd.reduce(self.segment.lines)) * len(self.segment.channels[self.output])
         terms = [np.ones((1, size))]
         if self.has_drift:
             time = (np.arange(size) + 0.5) / size
-            turns = 2 * np.pi * np.outer(np.arange(1, min(periods, MAX_SLOW_TERMS + 1)), time)
+            turns = 2 * np.pi * np.outer(np.arange(1, min(cycles, MAX_SLOW_TERMS + 1)), time)
             terms += [(time - 0.5)[None, :], np.cos(turns), np.sin(turns)]
         return np.concatenate(terms if self.starts is None else [*terms, self.starts])
 

@@ -47,7 +47,7 @@ from fraexp_plugins.identification._usable_records import (
 )
 
 
-class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=15):
+class MaximumLikelihood(DelayedEstimator, name="maximum_likelihood", version=17):
     """P̂, plant and friction parameters with which a simulated machine most probably gives all samples of the records.
 
     The observer of `effective_input` drives its friction model by measured positions, and takes the small difference of
