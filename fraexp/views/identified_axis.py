@@ -71,21 +71,23 @@ def _contradiction(results: Mapping[str, Result]) -> str:
     for (one, first), (other, second) in combinations(shown, 2):
         frequency, *places = np.intersect1d(first.frequency, second.frequency, return_indices=True)
         for highest, *at in list(zip(frequency, *places, strict=True))[-1:]:
-            pair = [
-                (of.response[k], of.covariance[k], abs(of.input_amplitude[k]))
-                for of, k in zip((first, second), at, strict=True)
-            ]
+            pair = [(of.response[k], of.covariance[k]) for of, k in zip((first, second), at, strict=True)]
             change = np.log(pair[1][0] / pair[0][0])
-            allowed = NORMAL_QUANTILE * sum(np.sqrt(np.trace(covariance)) / abs(value) for value, covariance, _ in pair)
+            allowed = NORMAL_QUANTILE * sum(np.sqrt(np.trace(covariance)) / abs(value) for value, covariance in pair)
             if abs(change) > max(allowed, worst):
-                is_lower = (pair[1][2] > pair[0][2]) == (change.real > 0) and abs(change.real) > abs(change.imag)
-                remedy = "if friction holds the axis at the smaller amplitude, raise it; else " * bool(is_lower)
-                size = f"{20 / np.log(10) * change.real:.3g} dB and {np.degrees(change.imag):.3g}°"
-                worst, text = (
-                    abs(change),
-                    f"{one} and {other} contradict each other, at {highest:.4g} Hz by {size}; {remedy}",
+                worst, is_turned = abs(change), abs(change.imag) > np.pi / 2  # which friction does not do
+                found, remedy = (
+                    "differ beyond their bands",
+                    "by friction, or check unit, gain and whether it is one machine",
                 )
-    return text and f"{text}correct unit, gain or sign of a column, or give files of one machine"
+                if is_turned:
+                    found, remedy = (
+                        "contradict each other",
+                        "correct unit or sign of a column, or give one machine's files",
+                    )
+                size = f"{20 / np.log(10) * change.real:.3g} dB and {np.degrees(change.imag):.3g}°"
+                text = f"{one} and {other} {found}, at {highest:.4g} Hz by {size}; {remedy}"
+    return text
 
 
 def _records_text(files: Sequence[Path], look: RecordLook) -> str:
