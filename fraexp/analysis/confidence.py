@@ -1,7 +1,6 @@
 """Confidence limits of 95 % of a response, from its covariance and its degrees of freedom; and how far they reach."""
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,10 +13,6 @@ NORMAL_QUANTILE = 1.959963984540054
 """The quantile of the normal distribution that leaves as much beyond it as the confidence level leaves on one side."""
 USUAL_MAGNITUDE, USUAL_PHASE = 0.5, math.radians(3)
 """Error of magnitude [dB] and phase [rad] within which a response has to lie if its study asks for nothing else."""
-MAX_SUMMED_FREEDOM = 1000
-"""Degrees of freedom up to which the probability of Student's t is summed term by term."""
-NEWTON_STEPS = 8
-"""Steps after which the quantile changes no more."""
 ELLIPSE_POINTS = 180
 """Points of an ellipse at which its extremes are looked for."""
 
@@ -55,34 +50,11 @@ def interval_factor(freedom: NDArray[np.float64] | float) -> NDArray[np.float64]
     A standard deviation that is known has infinitely many degrees of freedom, and a factor of 1.96. Fewer than one give
     NaN.
     """
-    freedom = np.asarray(freedom, dtype=float)
-    return np.array([_student_quantile(each) for each in freedom.ravel().tolist()]).reshape(freedom.shape)
+    if np.isposinf(freedom).all():
+        return np.full(np.shape(freedom), NORMAL_QUANTILE)
+    from scipy.special import stdtrit  # a tenth of a second, and only limits from few periods need it
 
-
-@lru_cache(1024)
-def _student_quantile(freedom: float) -> float:
-    """Return the quantile of Student's t, of few whole degrees of freedom without scipy: a tenth of a second to import.
-
-    M. Abramowitz and I. A. Stegun, Handbook of Mathematical Functions, 1964, eq. 26.7.3 and 26.7.4: the probability is
-    a concave function of atan(t/√ν), so that Newton's method approaches from below.
-    """
-    if not 1 <= freedom < np.inf:
-        return NORMAL_QUANTILE if freedom >= 1 else np.nan
-    if freedom % 1 or freedom > MAX_SUMMED_FREEDOM:
-        from scipy.special import stdtrit
-
-        return float(stdtrit(freedom, (1 + CONFIDENCE_LEVEL) / 2))
-    is_odd, angle = int(freedom % 2), math.atan(NORMAL_QUANTILE / math.sqrt(freedom))
-    scale = 2 / math.pi if is_odd else 1.0
-    for _ in range(NEWTON_STEPS):
-        cosine, total = math.cos(angle), 0.0
-        term = cosine if is_odd else 1.0
-        for power in range(is_odd, int(freedom) - 1, 2):
-            total += term
-            term *= (power + 1) / (power + 2) * cosine**2
-        probability = scale * (is_odd * angle + math.sin(angle) * total)
-        angle += (CONFIDENCE_LEVEL - probability) * cosine / (scale * freedom * term)
-    return math.sqrt(freedom) * math.tan(angle)
+    return np.asarray(stdtrit(np.where(np.asarray(freedom) >= 1, freedom, np.nan), (1 + CONFIDENCE_LEVEL) / 2))
 
 
 def circle_factor(freedom: NDArray[np.float64] | float) -> NDArray[np.float64]:
