@@ -148,7 +148,7 @@ def response_result(
         covariance, found = with_steady_motion(repeated, name, unit, error, frequency, ratio, covariance)
         moved.append(found)
     settlings = [segment.settling for segment in signals.segments]
-    lacks_amplitude = np.repeat([_lacks_amplitude(segment) for segment in signals.segments], lines)
+    lacks_amplitude = np.repeat([bool(s.stated and not s.stated.has_amplitude) for s in signals.segments], lines)
     response = FrequencyResponse(
         frequency=frequency,
         response=ratio,
@@ -190,11 +190,6 @@ def _known_variance(signals: Signals, segment: Segment, outputs: NDArray[np.comp
     if signals.encoder is None or len(outputs) > 1 or is_from_rest:
         return np.nan
     return line_variance(segment, signals.encoder, output)
-
-
-def _lacks_amplitude(segment: Segment) -> bool:
-    """Return whether the amplitude of the input is unknown."""
-    return segment.stated is not None and not segment.stated.has_amplitude
 
 
 def _stated_coherence(segments: Sequence[Segment]) -> NDArray[np.float64] | None:

@@ -24,16 +24,7 @@ from fraexp.figures.kinds.response_errors import (
 from fraexp.figures.result_files import json_value
 from fraexp.store import StoredSweep, leave_out_damaged
 from fraexp.study.paths import label_units
-from fraexp.views.comparison import (
-    difference_rows,
-    differences_from_first,
-    differing_values,
-    fit_texts,
-    fold_incomparable,
-    metric_values,
-    parameter_values,
-    with_all_labels,
-)
+from fraexp.views import comparison
 from fraexp.views.text_tables import TextTable
 from fraexp.views.words import fixed_text, number_text, plural, short_key
 from fraexp.workspace.workspace_service import WorkspaceService
@@ -142,18 +133,18 @@ def execute(arguments: Namespace) -> ExitCode:
     with workspace.open_store() as store:
         sweeps = choose_sweeps(store, arguments.ids, arguments.filter)
         if all(find_run_number(store, identifier) is None for identifier in arguments.ids):
-            sweeps = with_all_labels(sweeps)
+            sweeps = comparison.with_all_labels(sweeps)
         results = store.results(sweep.key for sweep in sweeps)
         sweeps = leave_out_damaged(sweeps, results, say)
     if len(sweeps) < 2:
         raise FraexpError("compare: found one sweep; expected at least two sweeps, or a run with several")
-    parameters = differing_values([parameter_values(sweep) for sweep in sweeps])
+    parameters = comparison.differing_values([comparison.parameter_values(sweep) for sweep in sweeps])
     found = [results.get(sweep.key) for sweep in sweeps]
     metrics, fits = (
-        differing_values([metric_values(of) for of in found]),
-        differing_values([fit_texts(of) for of in found]),
+        comparison.differing_values([comparison.metric_values(of) for of in found]),
+        comparison.differing_values([comparison.fit_texts(of) for of in found]),
     )
-    differences = differences_from_first(sweeps, results)
+    differences = comparison.differences_from_first(sweeps, results)
     if arguments.json:
         print_json(_document(sweeps, parameters, metrics, fits, differences))
         return ExitCode.OK
@@ -161,8 +152,8 @@ def execute(arguments: Namespace) -> ExitCode:
         print_summary(sweeps, results, workspace.registry)
         say(ALL_REMEDY)
     else:
-        rows = difference_rows([[sweep] for sweep in sweeps], results, workspace.registry)
-        shown, folded = fold_incomparable(rows) if sys.stdout.isatty() else (rows, {})
+        rows = comparison.difference_rows([[sweep] for sweep in sweeps], results, workspace.registry)
+        shown, folded = comparison.fold_incomparable(rows) if sys.stdout.isatty() else (rows, {})
         keys = [short_key(sweep.key) for sweep in sweeps]
         print_table(["difference", *keys], shown or [["none", *("" for _ in keys)]])
         if folded:

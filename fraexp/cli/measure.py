@@ -26,17 +26,7 @@ from fraexp.measurement.point_measurement import PointProgress
 from fraexp.measurement.watched_machine import drive_note
 from fraexp.records.study_writer import write_study
 from fraexp.simulation.motion_limits import Demand
-from fraexp.views.measurement_texts import (
-    MissedBands,
-    band_text,
-    begin_text,
-    demand_names,
-    demand_units,
-    plan_cells,
-    plan_heads,
-    plan_total,
-    point_text,
-)
+from fraexp.views import measurement_texts
 from fraexp.views.words import duration_text, elapsed_text, plural
 from fraexp.workspace.autonomous_service import AutonomousService, EvaluationProgress
 from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
@@ -53,7 +43,7 @@ class MeasurementMeter(ProgressLine):
         super().__init__()
         self._done, self._total, self._left = 0, 0, 0.0
         self._plan: MeasurementPlan | None = None
-        self._missed = MissedBands()
+        self._missed = measurement_texts.MissedBands()
         self._planning: float | None = None
 
     def show_planning(self, share: float) -> None:
@@ -100,11 +90,11 @@ class MeasurementMeter(ProgressLine):
         self._plan, left = event.plan, event.plan.seconds_without(event.kept_numbers)
         self._done, self._total, self._left = len(event.kept), len(event.plan.points), left
         self._missed.begin(event)
-        say(begin_text(event))
+        say(measurement_texts.begin_text(event))
 
     def _move(self, event: PointProgress) -> None:
         state = plural(event.periods, "period") if event.is_settled or event.periods else "settling"
-        band = "" if event.band is None else f", {band_text(event.band)}"
+        band = "" if event.band is None else f", {measurement_texts.band_text(event.band)}"
         left = f"about {duration_text(self._left)} left"
         text = f"{self._done}/{self._total}, {state}{band}, {100 * event.used:.0f} % of a limit, {left}"
         self.draw(event.point.frequency, self._done / self._total, text)
@@ -118,7 +108,7 @@ class MeasurementMeter(ProgressLine):
         self._done, self._total, self._left = measured.done, measured.total, measured.seconds_left
         self._missed.add(measured.point)
         assert self._plan is not None
-        say(point_text(event, self._plan))
+        say(measurement_texts.point_text(event, self._plan))
 
 
 def execute(arguments: Namespace) -> ExitCode:
@@ -223,10 +213,11 @@ def _print_plan(plan: MeasurementPlan, kept: Collection[int] = ()) -> None:
     """
     if plan.task.label:
         print(plan.task.label)
-    print_table(plan_heads(plan), [plan_cells(point) for point in plan.points])
+    print_table(measurement_texts.plan_heads(plan), [measurement_texts.plan_cells(point) for point in plan.points])
     print()
     limits = [getattr(plan.limits, name) for name in Demand._fields]
-    rows = zip(demand_names(), demand_units(is_rotary(plan.task.experiment)), plan.demand, limits, strict=True)
+    units = measurement_texts.demand_units(is_rotary(plan.task.experiment))
+    rows = zip(measurement_texts.demand_names(), units, plan.demand, limits, strict=True)
     print_table(
         ["greatest", "predicted", "limit", "of it"],
         [
@@ -239,7 +230,7 @@ def _print_plan(plan: MeasurementPlan, kept: Collection[int] = ()) -> None:
             for name, unit, value, limit in rows
         ],
     )
-    print(f"\n{plan_total(plan, kept)}")
+    print(f"\n{measurement_texts.plan_total(plan, kept)}")
     machine = plan.task.settings.machine if plan.task.settings else None
     if machine is not None and (note := drive_note(machine.name, machine.can_disable)):
         print(note)

@@ -18,19 +18,11 @@ from fraexp.reports.published_comparisons import comparison_document, verdict
 from fraexp.store import RunSummary, Store, StoredSweep, mark_damaged
 from fraexp.study.published_values import PublishedComparison
 from fraexp.study.study_file import stated_controller
+from fraexp.views import result_rows
 from fraexp.views.fields import drawn_labels, remedies, run_fields, sweep_fields
 from fraexp.views.loop_margins_table import LOOP_COLUMNS, loop_margins, loop_rows
 from fraexp.views.report_tables import published_table
 from fraexp.views.resolved_parameters import resolved_parameters
-from fraexp.views.result_rows import (
-    FIT_COLUMNS,
-    MAX_CURVE_ROWS,
-    curve_table,
-    curve_text,
-    fit_rows,
-    fit_section,
-    metric_fields,
-)
 from fraexp.views.text_tables import response_table, sweep_table
 from fraexp.views.words import plural
 
@@ -140,7 +132,7 @@ def _show_result(result: Result, rows: int | None, loop: Sequence[Sequence[str]]
         print_fields([("numerics", result.numerics)])
     if result.metrics:
         print("\nmetrics")
-        print_fields(metric_fields(result), indent=2)
+        print_fields(result_rows.metric_fields(result), indent=2)
     if loop:
         print()
         print_table(LOOP_COLUMNS, loop)
@@ -155,9 +147,9 @@ def _show_result(result: Result, rows: int | None, loop: Sequence[Sequence[str]]
         _show_fit(fit)
     for curve in result.curves:
         print()
-        heading, points = curve_table(curve)
-        if len(points) > MAX_CURVE_ROWS:
-            print_line(f"curve {curve_text(curve)}", "  ")
+        heading, points = result_rows.curve_table(curve)
+        if len(points) > result_rows.MAX_CURVE_ROWS:
+            print_line(f"curve {result_rows.curve_text(curve)}", "  ")
         else:
             print_line(f"curve {curve.name}")
             print_table(heading, points)
@@ -166,9 +158,9 @@ def _show_result(result: Result, rows: int | None, loop: Sequence[Sequence[str]]
 def _show_fit(fit: Fit) -> None:
     """Print the identified parameters, and a section of a study that uses them."""
     print(f"\nfit of the {fit.kind}")
-    print_table(FIT_COLUMNS, fit_rows(fit))
+    print_table(result_rows.FIT_COLUMNS, result_rows.fit_rows(fit))
     print()
-    for line in fit_section(fit):
+    for line in result_rows.fit_section(fit):
         print_line(line, "    ")
 
 

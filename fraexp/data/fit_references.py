@@ -153,7 +153,7 @@ def resolve_reference(reference: Plain, case: Plain, earlier: Mapping[str, list[
     alike = [
         sweep
         for sweep in candidates
-        if all(case.get(key, value) == value for key, value in _labels_without_case(sweep).items())
+        if all(case.get(key, value) == value for key, value in sweep.labels.items() if key != CASE)
     ]
     if len(alike) != 1:
         raise StudyError(
@@ -161,10 +161,6 @@ def resolve_reference(reference: Plain, case: Plain, earlier: Mapping[str, list[
             "expected one"
         )
     return {FIT: reference[FIT], OF: alike[0].key}
-
-
-def _labels_without_case(sweep: Sweep) -> Plain:
-    return {key: value for key, value in sweep.labels.items() if key != CASE}
 
 
 def source_keys(sweep: Sweep) -> set[str]:

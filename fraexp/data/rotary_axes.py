@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from fraexp.data.findings import Finding, Quantity
-from fraexp.data.results import Curve, Fit, Metric, Result
+from fraexp.data.results import Curve, Metric, Result
 from fraexp.data.signals import Signals
 from fraexp.errors import FraexpError
 
@@ -91,7 +91,7 @@ def rotary_result(result: Result) -> Result:
         response=response and replace(response, unit=rotary_unit(response.unit)),
         metrics=_rotary_metrics(result.metrics),
         curves=tuple(_rotary_curve(curve) for curve in result.curves),
-        fits=tuple(_rotary_fit(fit) for fit in result.fits),
+        fits=tuple(replace(fit, units=tuple(map(rotary_unit, fit.units))) for fit in result.fits),
     )
 
 
@@ -109,7 +109,3 @@ def _rotary_metrics(metrics: Iterable[Metric]) -> tuple[Metric, ...]:
 
 def _rotary_curve(curve: Curve) -> Curve:
     return replace(curve, units={name: rotary_unit(unit) for name, unit in curve.units.items()})
-
-
-def _rotary_fit(fit: Fit) -> Fit:
-    return replace(fit, units=tuple(rotary_unit(unit) for unit in fit.units))

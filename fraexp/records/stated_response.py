@@ -98,11 +98,12 @@ def load_response(record: Plain, table: RecordTable, path: Path) -> Signals:
     points = _read_points(plain, table, path)
     amplitude = plain.get("input_amplitude")
     variances = _relative_variances(points, plain.get("averages"))
+    coherence = np.full(points.frequency.size, np.nan) if points.coherence is None else points.coherence
     phase = 2 * np.pi * np.arange(record["segments"][0]["samples"]) / record["segments"][0]["samples"]
     segments = [
         _as_sine(cut, phase, response, variance, coherence, amplitude)
         for cut, response, variance, coherence in zip(
-            record["segments"], points.response, variances, _coherence(points), strict=True
+            record["segments"], points.response, variances, coherence, strict=True
         )
     ]
     return Signals(tuple(segments), {name: str(channel["unit"]) for name, channel in record["channels"].items()})
@@ -131,10 +132,6 @@ def _relative_variances(points: _Points, averages: int | None) -> NDArray[np.flo
     if points.coherence is None or averages is None:
         return np.full(points.frequency.size, np.nan)
     return np.asarray((1 - points.coherence) / (points.coherence * averages))
-
-
-def _coherence(points: _Points) -> NDArray[np.float64]:
-    return np.full(points.frequency.size, np.nan) if points.coherence is None else points.coherence
 
 
 def _read_points(plain: Plain, table: RecordTable, path: Path) -> _Points:

@@ -45,7 +45,7 @@ def prepare_batch(plans: list[ExperimentPlan], setup: Setup) -> KernelBatch:
     setups = list(dict.fromkeys(plan.experiment.setup for plan in plans))  # each once, in the order of the plans
     layout = choose_layout(setup.is_vectorised, len(plans), len(setups))
     width = layout.width
-    machines = np.array([_machine_numbers(each) for each in setups])
+    machines = np.array([np.concatenate([*map(np.ravel, each.constants), *each.law_numbers]) for each in setups])
     waveforms = [plan.experiment.period.waveform for plan in plans]
     silence = np.zeros(max(waveform.size for waveform in waveforms))
     law_sizes, compensation_sizes = _argument_sizes(setup)
@@ -267,11 +267,6 @@ def _references(plans: list[ExperimentPlan], silence: NDArray[np.float64]) -> ND
             )
         references.append(plan.experiment.setup.reference + moving)
     return np.concatenate([*references, silence])
-
-
-def _machine_numbers(setup: Setup) -> NDArray[np.float64]:
-    """Return constants of the loop and arguments of the laws, one after another."""
-    return np.concatenate([*(part.ravel() for part in setup.constants), *setup.law_numbers])
 
 
 def _empty_results(jobs: int) -> NDArray[np.void]:

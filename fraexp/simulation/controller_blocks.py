@@ -138,7 +138,9 @@ class ControllerParts:
     def _observer(self, friction: FrictionModel, sample_time: float) -> Block:
         dead_time = self.input_path.dead_time + self.output_path.dead_time
         size, older_share = _mean_held_delay(dead_time, sample_time)
-        gains = [_lag_gains(path.lags, sample_time) for path in (self.input_path, self.output_path)]
+        gains = [
+            -np.expm1(-sample_time / np.array(path.lags, dtype=float)) for path in (self.input_path, self.output_path)
+        ]
         position = _motion(friction)
         control = np.cos(np.arange(TEST_SAMPLES)) * (friction.force_bound or 1.0)
         states = {"line": size, "input_lags": gains[0].size, "output_lags": gains[1].size, "past": 2}
@@ -317,8 +319,3 @@ def _mean_held_delay(dead_time: float, sample_time: float) -> tuple[int, float]:
     begin = -dead_time / sample_time - 0.5
     oldest = int(np.floor(begin + 1e-9))
     return -oldest, float(1.0 - max(begin - oldest, 0.0))
-
-
-def _lag_gains(lags: tuple[float, ...], sample_time: float) -> NDArray[np.float64]:
-    """Return 1 - e^(-Ts/τ) of each lag, shape (lags,)."""
-    return np.asarray(-np.expm1(-sample_time / np.array(lags, dtype=float)))

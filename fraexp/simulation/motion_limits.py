@@ -127,7 +127,7 @@ def check_limits(limits: MotionLimits, machine: Machine, excitation: Excitation)
         if settles:
             demand = predict_demand(machine, period)
         elif period.reference is not None and _friction_bound(machine):
-            demand = _planned_demand(period, sample_time)
+            demand = Demand.of_samples(np.asarray(period.reference), period.waveform, sample_time)
         else:
             demand = predict_demand_from_rest(machine, period, period.recorded_periods or schedule.recorded_periods)
         demand = _add_friction(demand, machine, period, excitation)
@@ -146,11 +146,6 @@ def check_limits(limits: MotionLimits, machine: Machine, excitation: Excitation)
                     f"{what} is predicted to need {demand_name(name)} of {found:.4g} {unit}; "
                     f"limits.{name} is {allowed:g} {unit}: {remedy}"
                 )
-
-
-def _planned_demand(period: Period, sample_time: float) -> Demand:
-    """Return what a move needs that follows its reference: what is fed forward against friction overcomes friction."""
-    return Demand.of_samples(np.asarray(period.reference), period.waveform, sample_time)
 
 
 def _add_friction(demand: Demand, machine: Machine, period: Period, excitation: Excitation) -> Demand:
@@ -189,7 +184,8 @@ def predict_demand_from_rest(machine: Machine, period: Period, periods: int) -> 
         np.tile(np.zeros(period.waveform.size) if part is None else part, periods)
         for part in (period.waveform, period.reference)
     )
-    silence = np.zeros(_next_power_of_two(waveform.size + MIN_SILENCE_S / machine.loop.sample_time) - waveform.size)
+    least = waveform.size + MIN_SILENCE_S / machine.loop.sample_time
+    silence = np.zeros((1 << int(np.ceil(np.log2(least)))) - waveform.size)
     while True:
         periodic = _periodic_motion(machine, np.append(waveform, silence), np.append(reference, silence))
         motion = _Motion(*(part - part[-1] for part in periodic))  # it ends at rest, which is where it began
@@ -198,10 +194,6 @@ def predict_demand_from_rest(machine: Machine, period: Period, periods: int) -> 
         if is_at_rest or silence.size > MAX_SILENCE_MOTIONS * waveform.size:
             return _measure_demand(_Motion(*(part[: waveform.size] for part in motion)), waveform, machine)
         silence = np.zeros(2 * (silence.size + waveform.size) - waveform.size)
-
-
-def _next_power_of_two(samples: float) -> int:
-    return 1 << int(np.ceil(np.log2(samples)))
 
 
 def _periodic_motion(machine: Machine, waveform: NDArray[np.float64], reference: NDArray[np.float64]) -> _Motion:

@@ -75,7 +75,7 @@ class ReplayModel:
             coarse = replace(self, step_tolerance=tolerance, refinement=1)
             if coarse.steps >= self.steps:
                 break
-            if _is_in_lanes(coarse):
+            if _free_setup(coarse).is_vectorised:
                 return coarse
         return self
 
@@ -239,10 +239,6 @@ def _free_setup(model: ReplayModel) -> Setup:
         is_vectorised=is_friction_soft(model.frictions, discrete, sample_time)
         and all(friction.is_vectorisable for friction in model.frictions.values()),
     )
-
-
-def _is_in_lanes(model: ReplayModel) -> bool:
-    return _free_setup(model).is_vectorised
 
 
 def _scaled(model: ReplayModel) -> tuple[Ports, dict[str, float]]:

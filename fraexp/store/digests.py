@@ -71,14 +71,10 @@ def _number_text(value: float) -> str:
     return repr(value + 0.0)  # a database may store -0 as 0
 
 
-def _moment_text(value: datetime) -> str:
-    return value.astimezone(UTC).isoformat()
-
-
 TEXTS: Mapping[type, Callable[[Any], str]] = {
     str: str,
     float: _number_text,
-    datetime: _moment_text,
+    datetime: lambda moment: moment.astimezone(UTC).isoformat(),
     dict: _compact,
     list: _compact,
 }

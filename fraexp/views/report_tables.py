@@ -1,7 +1,7 @@
 """What a report says: published numbers beside ours, the sweeps of a run, its inputs, methods and verdict."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -74,13 +74,8 @@ def published_table(
     if not compared:
         return None
     rows = [_published_row(one, studies[at : at + 1]) for at, one in enumerate(compared)]
-    titles = [title for title in _used_titles(rows) if title not in omitted]
+    titles = [of for of in rows[0] if of not in omitted and any(row[of].text for row in rows)]
     return ReportTable(titles, [[row[title] for title in titles] for row in rows])
-
-
-def _used_titles(rows: Sequence[Mapping[str, Cell]]) -> list[str]:
-    """Return the titles of the columns that are not empty."""
-    return [title for title in rows[0] if any(row[title].text for row in rows)]
 
 
 def _published_row(one: PublishedComparison, study: Sequence[Cell]) -> dict[str, Cell]:

@@ -99,10 +99,7 @@ def test_the_study_names_its_figure_and_plot_may_ask_for_another(
     [
         ("compare 1 --against plan", "unknown WHAT 'plan'; did you mean 'plant'?"),
         ("compare 1 --frequencies 20", "--frequencies needs --against plant"),
-        (
-            "compare 1 --against plant --frequencies 20,x",
-            "'20,x' is invalid; expected frequencies [Hz] above 0",
-        ),
+        ("compare 1 --against plant --frequencies 20,x", "'20,x' is invalid; expected frequencies [Hz] above 0"),
         ("compare 1 --against plant --frequencies -1", "is invalid; expected frequencies"),
         ("plot 1 --kind error -o x.png", "unknown KIND 'error'; did you mean 'errors'?"),
     ],

@@ -17,10 +17,7 @@ from tests.waiting import HANG_TIMEOUT_S, wait_until
 SLOW = {"min_frequency": 1e-3, "points": 3, "settling_tolerance": 1e-15, "settling_timeout": 10_000}
 LONG = ["run", "quick", *(f"--set=excitation.{name}={value}" for name, value in SLOW.items())]
 
-OTHER_SIGNALS = [
-    ("processes", signal.SIGTERM),
-    ("serial", signal.SIGHUP),
-]
+OTHER_SIGNALS = [("processes", signal.SIGTERM), ("serial", signal.SIGHUP)]
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -62,11 +59,7 @@ def is_gone(group: int) -> bool:
 
 @pytest.mark.parametrize(
     ("executor", "number"),
-    [
-        thorough("processes", signal.SIGINT),
-        ("serial", signal.SIGTERM),
-        *(thorough(*pair) for pair in OTHER_SIGNALS),
-    ],
+    [thorough("processes", signal.SIGINT), ("serial", signal.SIGTERM), *(thorough(*pair) for pair in OTHER_SIGNALS)],
 )
 def test_a_run_that_is_asked_to_end_does_so_at_once(executor, number, tmp_path):
     process = started(tmp_path, "--executor", executor)

@@ -238,10 +238,7 @@ def test_a_database_that_is_overwritten_while_a_run_uses_it_is_noticed(tmp_path:
         with refused(StoreError, "results"):
             store.confirm_run(number, 1)
     overwrite(path, other)
-    with (
-        Store.open(str(path), read_only=True) as store,
-        refused(StoreError, "overwritten", "run 1"),
-    ):
+    with Store.open(str(path), read_only=True) as store, refused(StoreError, "overwritten", "run 1"):
         store.confirm_run(number, 0)
 
 

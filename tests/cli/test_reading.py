@@ -174,14 +174,16 @@ def test_one_sweep_is_not_compared_and_one_without_a_result_not_plotted(
 def test_responses_of_two_units_are_two_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     speed = Sweep({"source": "record"}, {"name": "h1", "output": "v"}, {"estimator.output": "v"})
     position = Sweep({"source": "record"}, {"name": "h1", "output": "y"}, {"estimator.output": "y"})
-    with Store.open(str(tmp_path / "results.db"), create=True) as store:
-        run = store.begin_run("bench", "bench.toml", "", {}, [position, speed])
-        response = response_of(0.1)
-        units = ((position, "m/N"), (speed, "m/s/N"))
-        store.save(
-            run, [(sweep, Result(Outcome.OK, response=replace(response, unit=unit)), {}) for sweep, unit in units]
-        )
-        store.end_run(run, "complete")
+    units = ((position, "m/N"), (speed, "m/s/N"))
+
+    def save(gain: float, elapsed: float) -> None:
+        results = [Result(Outcome.OK, response=replace(response_of(gain), unit=u), elapsed=elapsed) for _, u in units]
+        with Store.open(str(tmp_path / "results.db"), create=True) as store:
+            run = store.begin_run("bench", "bench.toml", "", {}, [position, speed])
+            store.save(run, [(sweep, of, {}) for (sweep, _), of in zip(units, results, strict=True)])
+            store.end_run(run, "complete")
+
+    save(0.1, elapsed=1.0)
     target = tmp_path / "figure.png"
     line = ["plot", "1", "-o", str(target), "--workspace", str(tmp_path)]
     assert main(line) == ExitCode.OK
@@ -190,6 +192,12 @@ def test_responses_of_two_units_are_two_figures(tmp_path: Path, capsys: pytest.C
     assert target.read_bytes() != second.read_bytes()
     assert main(line) == ExitCode.OK
     assert capsys.readouterr().err == "the figures are up to date\n"
+    save(0.1, elapsed=2.0)
+    assert main(line) == ExitCode.OK
+    assert capsys.readouterr().err == "the figures are up to date\n", "they are computed again without a change"
+    save(0.2, elapsed=2.0)
+    assert main(line) == ExitCode.OK
+    assert capsys.readouterr().out == f"{target}\n{second}\n"
     assert main(["show", short_key(speed.key), "--workspace", str(tmp_path)]) == ExitCode.OK
     titles = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("frequency [Hz]"))
     assert {"input", "output", "distortion"} <= set(titles.split())

@@ -62,11 +62,7 @@ def test_a_run_prints_its_table_and_figure_and_is_reused(folder: Path, capsys: p
     ],
 )
 def test_an_executor_that_cannot_be_had_leaves_no_run(
-    options: list[str],
-    said: str,
-    folder: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    options: list[str], said: str, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     dask = pytest.importorskip(
         "fraexp.execution.executors.dask", reason="Dask is not installed: pip install distributed"

@@ -86,8 +86,7 @@ def printed(folder: Path, command: Sequence[str], width: int) -> str:
 
 
 @pytest.mark.parametrize(
-    "command",
-    [pytest.param(of, marks=() if of in QUICK else pytest.mark.thorough, id=" ".join(of)) for of in COMMANDS],
+    "command", [pytest.param(of, marks=() if of in QUICK else pytest.mark.thorough, id=" ".join(of)) for of in COMMANDS]
 )
 @settings(max_examples=3, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(width=st.integers(60, 200))

@@ -14,8 +14,7 @@ def signals(*positions: list[float]) -> Signals:
 
 
 @pytest.mark.parametrize(
-    ("value", "text"),
-    [(np.nan, "nan m"), (-np.inf, "without bound"), (-1e101, "1e+101 m"), (1e-101, "1e-101 m")],
+    ("value", "text"), [(np.nan, "nan m"), (-np.inf, "without bound"), (-1e101, "1e+101 m"), (1e-101, "1e-101 m")]
 )
 def test_a_channel_of_any_segment_is_named(value: float, text: str) -> None:
     wrong = signals([1.0, -2.0], [0.0, value], [3.0, 0.0])

@@ -79,10 +79,7 @@ def test_lists_that_do_not_fit_are_refused(made, given, names):
 
 @pytest.mark.parametrize(
     ("given", "names"),
-    [
-        ({"frequencies": [1200.0, 5.0, 6.0]}, ["Nyquist"]),
-        ({"period_counts": [100_000, 1, 1]}, ["samples"]),
-    ],
+    [({"frequencies": [1200.0, 5.0, 6.0]}, ["Nyquist"]), ({"period_counts": [100_000, 1, 1]}, ["samples"])],
 )
 def test_what_cannot_be_sampled_is_refused(made, given, names):
     with refused(ParameterError, *names):

@@ -16,10 +16,7 @@ SAMPLES = (400, 250, 160, 110, 64, 44, 36, 28, 20)
 """Samples of a period: 5 to 100 Hz. The drive's mode is at 52 Hz."""
 SETTLED_S, SUBSTEPS = 0.6, 12
 MASSES, STIFFNESS, DAMPING = (3.0, 5.0), 2e5, 20.0
-FRICTION = {
-    "motor": ([4e5, 1.5e5, 6e4], [4.0, 6.0, 5.0], 4.0),
-    "load": ([2e5, 8e4], [2.5, 3.0], 2.0),
-}
+FRICTION = {"motor": ([4e5, 1.5e5, 6e4], [4.0, 6.0, 5.0], 4.0), "load": ([2e5, 8e4], [2.5, 3.0], 2.0)}
 """Stiffness [N/m] and limit force [N] of the elements, and viscous coefficient [N s/m], of each contact."""
 SCALES = ("force_scale", "displacement_scale")
 CONTROLLER = {"name": "pid", "proportional": 8000.0, "derivative_time": 0.04, "filter_time": 0.004}

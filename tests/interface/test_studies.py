@@ -100,10 +100,7 @@ def test_any_value_reads_back_from_its_text(value: object) -> None:
     [
         ({"excitation": object()}, ["<object object"]),
         ({"excitaton": "stepped_sine"}, ["'excitaton'", "'excitation'"]),
-        (
-            {"machine": "linear_motor", "excitation": "chirp", "estimator": "conventional"},
-            ["'linear_motor_table'"],
-        ),
+        ({"machine": "linear_motor", "excitation": "chirp", "estimator": "conventional"}, ["'linear_motor_table'"]),
         ({}, ["[excitation]", "[estimator]"]),
     ],
 )

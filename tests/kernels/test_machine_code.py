@@ -163,8 +163,7 @@ def test_without_a_folder_to_write_each_process_compiles(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
-    [thorough("dy = f'{dy:03d}'", FORMAT_FAULT), ("dy.wrong()", "Unknown attribute 'wrong'")],
+    ("line", "said"), [thorough("dy = f'{dy:03d}'", FORMAT_FAULT), ("dy.wrong()", "Unknown attribute 'wrong'")]
 )
 def test_a_law_that_cannot_be_compiled_is_named_with_its_file_and_line(bench: Bench, line: str, said: str) -> None:
     bench.share_what_all_laws_share()

@@ -46,10 +46,7 @@ def solve(
 
 
 def solve_contacts(
-    compliance: NDArray[np.complex128],
-    free: NDArray[np.complex128],
-    contacts: Sequence[Elements],
-    points: int = 2048,
+    compliance: NDArray[np.complex128], free: NDArray[np.complex128], contacts: Sequence[Elements], points: int = 2048
 ) -> NDArray[np.complex128]:
     """Return Y_k [m] of the odd harmonics 1, 3, 5… at c contacts, shape (n, c).
 

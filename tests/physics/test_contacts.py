@@ -135,10 +135,7 @@ def test_models_fit_the_contacts(registry, frictions, names):
 
 @pytest.mark.parametrize(
     ("settings", "names"),
-    [
-        ({"thrust": "lod"}, ["thrust 'lod'", "motor"]),
-        ({"position": "lod"}, ["position 'lod'", "'load'"]),
-    ],
+    [({"thrust": "lod"}, ["thrust 'lod'", "motor"]), ({"position": "lod"}, ["position 'lod'", "'load'"])],
 )
 def test_the_loop_names_ports_of_the_plant(registry, settings, names):
     frictions = {"motor": FRICTIONLESS, "load": FRICTIONLESS}

@@ -63,10 +63,7 @@ MOVE = (
     {"name": "point_to_point", "targets": [1.5e-3], "duration": 0.04, "dwell_time": 0.16},
     {"targets": [1.5e-3 / ARM]},
 )
-DRIVEN = (
-    {"name": "displacement_sine", "amplitude": 300e-6, "frequency": 1.0},
-    {"amplitude": 300e-6 / ARM},
-)
+DRIVEN = ({"name": "displacement_sine", "amplitude": 300e-6, "frequency": 1.0}, {"amplitude": 300e-6 / ARM})
 GMS = (
     {
         "name": "gms", "stiffness": [2e5, 6e4], "force_fractions": [0.4, 0.6], "coulomb_force": 10.0,

@@ -9,13 +9,7 @@ import pytest
 from fraexp.data.results import Metric, Outcome
 from fraexp.data.sweep import Sweep
 from fraexp.errors import FraexpError, StudyError
-from fraexp.study.published_values import (
-    Candidate,
-    PublishedComparison,
-    PublishedNumber,
-    check,
-    number_text,
-)
+from fraexp.study.published_values import Candidate, PublishedComparison, PublishedNumber, check, number_text
 from fraexp.study.study_file import describe_study, packaged_studies
 from tests.refusals import refused
 

@@ -148,8 +148,7 @@ LAWS = {
     "keeps_array_late": Law(when(LATE, "TABLE[0] += dy"), "force + 1e3 * TABLE[0]"),
     "counts": Law("global COUNT\n        COUNT += 1", "force + 1e-3 * COUNT"),
     "argument_changes": Law(
-        module="TICKS = itertools.count(1)\n",
-        attributes="limit = property(lambda self: 18.0 + next(TICKS))",
+        module="TICKS = itertools.count(1)\n", attributes="limit = property(lambda self: 18.0 + next(TICKS))"
     ),
     "reads_older_state": Law(
         "if z_next[3] > 60.0: force = 0.5 * force\n        z_next[3] = z[3] + 1.0",

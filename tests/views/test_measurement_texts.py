@@ -49,10 +49,7 @@ def test_points_that_are_kept_take_no_time(plan: MeasurementPlan) -> None:
         (measured(0, 0.012), "10 Hz: settled, 4 periods, band ±0.012 dB, missed ±0.001 dB"),
         (measured(0), "10 Hz: settled, 4 periods, band unknown, missed ±0.001 dB"),
         (measured(0, math.inf), "10 Hz: settled, 4 periods, no band, as noise hides the motion, missed ±0.001 dB"),
-        (
-            replace(measured(0), periods=1),
-            "10 Hz: settled, 1 period, band not known from one period, missed ±0.001 dB",
-        ),
+        (replace(measured(0), periods=1), "10 Hz: settled, 1 period, band not known from one period, missed ±0.001 dB"),
         (measured(0, 9e-4, 20.0), "10 Hz: settled, 4 periods, band ±0.0009 dB, 20 N peak"),
         (measured(0, 9e-4, 14.0), "10 Hz: settled, 4 periods, band ±0.0009 dB, 14 N peak (planned × 0.70)"),
     ],

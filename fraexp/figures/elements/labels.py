@@ -179,7 +179,7 @@ def _plain_text(value: object) -> str:
 
 def _label_part(title: str, value: object, text: str, unit: str, alone: bool) -> str:
     if isinstance(value, str | Mapping):
-        return _law_name(text) if title == "friction" else text
+        return text if title != "friction" else "no friction" if text == "none" else text[:1].upper() + text[1:]
     title = _parameter_name(title, SYMBOLS if unit else SYMBOLS | COMPENSATION_GAIN)
     if not unit or not isinstance(value, int | float):
         return f"{title} {text}"
@@ -202,7 +202,3 @@ def _parameter_name(title: str, symbols: Mapping[str, str]) -> str:
     shown = name if owner else symbols.get(name, name)
     joint = "" if not number or shown.endswith("_") else " "
     return " ".join([*owner, f"{shown}{joint}{number}"])
-
-
-def _law_name(text: str) -> str:
-    return "no friction" if text == "none" else text[:1].upper() + text[1:]

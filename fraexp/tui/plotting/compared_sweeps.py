@@ -114,7 +114,7 @@ class ComparedSweeps:
         """
         facets = list(dict.fromkeys(curve.facet for curve in self.curves))
         heads = self.units if view in RESPONSE_VIEWS else list(plotted_curves.CURVE_KINDS)
-        found = [_group_name(head, facet) for head in heads for facet in facets]
+        found = [f"{head}{FACET_MARK}{facet}" if facet else head for head in heads for facet in facets]
         return [group for group in found if self.places(view, group)]
 
     def unit_of(self, place: int) -> str:
@@ -229,10 +229,6 @@ class ComparedSweeps:
             quantiles = "median and 5…95 %" if most >= MIN_QUANTILE_CURVES else "lines"
             return [f"{quantiles} of {_count_range(counts)} sweeps each: Enter opens them"]
         return [f"{MAX_DRAWN_LINES} of {most} sweeps of a curve"] if most > MAX_DRAWN_LINES else []
-
-
-def _group_name(head: str, facet: str) -> str:
-    return f"{head}{FACET_MARK}{facet}" if facet else head
 
 
 def split_group(group: str) -> tuple[str, str]:

@@ -16,14 +16,7 @@ from fraexp.errors import FraexpError, StoreError
 from fraexp.execution.background import BackgroundRun
 from fraexp.study.catalogue import StudyEntry
 from fraexp.tui.page import shorten
-from fraexp.tui.services.launch_form import (
-    EXECUTOR_OPTION,
-    RERUN_OPTION,
-    FieldGroup,
-    FormField,
-    build_form,
-    override_texts,
-)
+from fraexp.tui.services import launch_form
 from fraexp.tui.widgets.field_list import FieldList, FormDraft, FormPage
 from fraexp.views.study import plan_summary, survey_plan
 from fraexp.views.words import plural
@@ -58,7 +51,7 @@ The run is a separate process: it continues if you quit or the connection is los
         """Show the form of a study, with the user's earlier changes."""
         super().__init__(written)
         self.entry = entry
-        self.groups: list[FieldGroup] = []
+        self.groups: list[launch_form.FieldGroup] = []
         self._texts: dict[str, str] = {}  # values in the study file, by path
         self._error = ""
         self._built_for: object = None
@@ -93,18 +86,18 @@ The run is a separate process: it continues if you quit or the connection is los
 
     @property
     def _overrides(self) -> list[str]:
-        return override_texts(self.written.changes)
+        return launch_form.override_texts(self.written.changes)
 
     @property
     def _options(self) -> tuple[str | None, str | None]:
         changes = self.written.changes
-        return changes.get(EXECUTOR_OPTION) or None, changes.get(RERUN_OPTION) or None
+        return changes.get(launch_form.EXECUTOR_OPTION) or None, changes.get(launch_form.RERUN_OPTION) or None
 
     async def _build(self, changed: list[str]) -> None:
         """Show the fields of the study with the changes; invalid changes are reported by the plan."""
         name, random = self.entry.name, self.entry.data.get("monte_carlo")
         groups = await self.compute(
-            lambda workspace: build_form(*workspace.outline(name, changed), random, workspace.registry),
+            lambda workspace: launch_form.build_form(*workspace.outline(name, changed), random, workspace.registry),
             lambda error: self._show_plan(str(error), error=True),
         )
         if groups is None:
@@ -116,7 +109,7 @@ The run is a separate process: it continues if you quit or the connection is los
             self._texts = self._texts or {path: field.text for path, field in fields.items()}
             self.form.show(groups)
 
-    def write(self, field: FormField, text: str) -> None:
+    def write(self, field: launch_form.FormField, text: str) -> None:
         """Take note of a text; the values of another component do not apply."""
         changes = self.written.changes
         owner = field.path.rpartition(".")[0] if field.chooses else field.path

@@ -277,37 +277,29 @@ def _parameter_lines(row: ResolvedParameter) -> Iterable[RenderableType]:
 
 
 def _result_parts(key: str, result: Result | None, loop: Sequence[Sequence[str]] = ()) -> Iterable[RenderableType]:
+    from fraexp.views import result_rows
     from fraexp.views.loop_margins_table import LOOP_COLUMNS
-    from fraexp.views.result_rows import (
-        FIT_COLUMNS,
-        MAX_CURVE_ROWS,
-        curve_table,
-        curve_text,
-        fit_rows,
-        fit_section,
-        metric_fields,
-    )
 
     if result is None:
         yield Text("no result; the summary above and the log show the reason")
         return
     if result.metrics:
         yield Text("metrics", style="bold")
-        yield _pair_table(metric_fields(result))
+        yield _pair_table(result_rows.metric_fields(result))
     if loop:
         yield Text("\nloop", style="bold")
         yield _table(["", *LOOP_COLUMNS[1:]], loop)
     for fit in result.fits:
         yield Text(f"\nfit of the {printable(fit.kind)}", style="bold")
-        yield _table(FIT_COLUMNS, fit_rows(fit))
-        yield Text("\n".join(["", *map(printable, fit_section(fit))]))
+        yield _table(result_rows.FIT_COLUMNS, result_rows.fit_rows(fit))
+        yield Text("\n".join(["", *map(printable, result_rows.fit_section(fit))]))
     if result.curves:
         yield Text("\ncurves", style="bold")
-        tables = [(curve, *curve_table(curve)) for curve in result.curves]
-        longer = [curve for curve, _, points in tables if len(points) > MAX_CURVE_ROWS]
-        yield Text("\n".join(f"  {printable(curve_text(curve))}" for curve in longer))
+        tables = [(curve, *result_rows.curve_table(curve)) for curve in result.curves]
+        longer = [curve for curve, _, points in tables if len(points) > result_rows.MAX_CURVE_ROWS]
+        yield Text("\n".join(f"  {printable(result_rows.curve_text(curve))}" for curve in longer))
         for curve, heading, points in tables:
-            if len(points) <= MAX_CURVE_ROWS:
+            if len(points) <= result_rows.MAX_CURVE_ROWS:
                 yield Text(f"\n{printable(curve.name)}", style="bold")
                 yield _table(heading, points)
     if result.numerics:

@@ -79,7 +79,7 @@ def build_form(
     groups += [FieldGroup("monte_carlo", _random_fields(random))] if isinstance(random, Mapping) else []
     groups += [FieldGroup("run", OPTION_FIELDS)]
     for kind, fields in every.items():
-        free = [field for field in fields if not _is_axis(field.path, axes)]
+        free = [field for field in fields if not any(f"{field.path}.".startswith(f"{axis}.") for axis in axes)]
         groups.append(FieldGroup(kind, tuple(free)))
     return [group for group in groups if group.fields]
 
@@ -98,10 +98,6 @@ def find_concerned(path: str, fields: Sequence[FormField]) -> FormField | None:
     found = [field for field in fields if f"{path}.".startswith(f"{field.path}.")]
     found += [of for of in fields if name and of.path.startswith(f"{section}.") and of.path.endswith(f".{name}")]
     return max(found, key=lambda field: len(field.path)) if found else None
-
-
-def _is_axis(path: str, axes: Mapping[str, object]) -> bool:
-    return any(path == axis or path.startswith(f"{axis}.") for axis in axes)
 
 
 def _section_fields(kind: str, specs: Sequence[object], registry: Registry, rotary: bool) -> Iterator[FormField]:

@@ -32,19 +32,7 @@ from fraexp.simulation.motion_limits import NO_DEMAND, Demand, MotionLimits
 from fraexp.study.sections import is_for_autonomous
 from fraexp.study.study_file import find_studies, read
 from fraexp.tui.services.live_measurement import LimitedMotion, PlanSummary, PlayedPoint, send_changes
-from fraexp.views.measurement_texts import (
-    AUTONOMOUS_STAGES,
-    AUTONOMOUS_TOTAL,
-    FORCE_PLACE,
-    MissedBands,
-    demand_names,
-    demand_units,
-    found_text,
-    peak_of,
-    plan_cells,
-    plan_heads,
-    plan_total,
-)
+from fraexp.views import measurement_texts
 from fraexp.workspace.autonomous_service import STAGES, AutonomousService, EvaluationBegun, StageBegun
 from fraexp.workspace.measurement_service import MeasurementService, PointEstimated
 from fraexp.workspace.workspace_folder import DATABASE_VARIABLE
@@ -62,7 +50,8 @@ Tell = Callable[..., None]
 
 def limited_motions(limits: MotionLimits, demand: Demand, rotary: bool) -> tuple[LimitedMotion, ...]:
     """Return each limited quantity, with what is predicted of it."""
-    named = zip(demand_names(), demand_units(rotary), Demand._fields, demand, strict=True)
+    units = measurement_texts.demand_units(rotary)
+    named = zip(measurement_texts.demand_names(), units, Demand._fields, demand, strict=True)
     return tuple(
         LimitedMotion(name, unit, limit, predicted, place)
         for place, (name, unit, field, predicted) in enumerate(named)
@@ -85,15 +74,15 @@ def plan_summary(plan: MeasurementPlan, files: MeasurementFiles) -> PlanSummary:
         machine=settings.machine.name,
         motions=limited_motions(plan.limits, plan.demand, is_rotary(plan.task.experiment)),
         margin=settings.margin,
-        heads=tuple(plan_heads(plan)),
-        rows=tuple(tuple(plan_cells(point)) for point in plan.points),
+        heads=tuple(measurement_texts.plan_heads(plan)),
+        rows=tuple(tuple(measurement_texts.plan_cells(point)) for point in plan.points),
         seconds=plan.seconds_without(kept),
-        total=plan_total(plan, kept),
+        total=measurement_texts.plan_total(plan, kept),
         frequency_range=(float(min(frequencies)), float(max(frequencies))),
         band=settings.band,
         kept=len(kept),
         is_other_stored=files.identity() not in ("", measurement_identity(plan.task)),
-        total_afresh=plan_total(plan),
+        total_afresh=measurement_texts.plan_total(plan),
         drive=drive_note(settings.machine.name, settings.machine.can_disable),
     )
 
@@ -107,9 +96,9 @@ def autonomous_summary(service: AutonomousService) -> PlanSummary:
         motions=limited_motions(service.limits, NO_DEMAND, service.is_rotary),
         margin=service.settings.margin,
         heads=("stage", "what is played"),
-        rows=AUTONOMOUS_STAGES,
+        rows=measurement_texts.AUTONOMOUS_STAGES,
         seconds=0.0,
-        total=AUTONOMOUS_TOTAL,
+        total=measurement_texts.AUTONOMOUS_TOTAL,
         frequency_range=(1.0, 1.0),
         band=None,
         kept=len(service.files.points()),
@@ -142,7 +131,7 @@ class _MeasurementTeller:
     def __init__(self, service: Service, tell: Tell) -> None:
         self._service, self._tell = service, tell
         self._plan: MeasurementPlan
-        self._missed = MissedBands()
+        self._missed = measurement_texts.MissedBands()
         self._stage_label = ""
         self._done = self._total = 0
         self._notices: tuple[str, ...] = ()
@@ -161,7 +150,7 @@ class _MeasurementTeller:
             case PointEstimated(measured, results):
                 self._missed.add(measured.point)
                 changes = self._responses(results)
-                text = found_text(event, self._plan)
+                text = measurement_texts.found_text(event, self._plan)
                 self._tell(
                     done=measured.done, seconds_left=measured.seconds_left, last_point=text, played=None, **changes
                 )
@@ -197,12 +186,12 @@ class _MeasurementTeller:
         if state == self._told and now < self._told_at + PROGRESS_INTERVAL_S:
             return
         self._told, self._told_at = state, now
-        unit = demand_units(is_rotary(self._plan.task.experiment))[FORCE_PLACE]
+        unit = measurement_texts.demand_units(is_rotary(self._plan.task.experiment))[measurement_texts.FORCE_PLACE]
         self._greatest = tuple(map(max, event.demand, self._greatest or event.demand))
         played = PlayedPoint(
             frequency=point.frequency,
             at=float(point.period.lines[0] / (point.period.waveform.size * point.sample_time)),
-            peak=f"{peak_of(point):.4g} {unit}",
+            peak=f"{measurement_texts.peak_of(point):.4g} {unit}",
             seconds=event.seconds,
             is_settled=event.is_settled,
             periods=event.periods,

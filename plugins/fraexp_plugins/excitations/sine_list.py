@@ -5,15 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from fraexp.api import ParameterError, Period, param
-from fraexp_plugins.excitations._shared.sampling import (
-    CoherentBlock,
-    check_nyquist,
-    check_period,
-    check_recorded,
-    coherent_block,
-    interleaved_block,
-    sine_wave,
-)
+from fraexp_plugins.excitations._shared import sampling
 from fraexp_plugins.excitations._shared.settled_excitation import SettledExcitation
 
 
@@ -63,23 +55,23 @@ class SineList(SettledExcitation, name="sine_list", version=1):
                 "none"
             )
 
-    def block(self, frequency: float, sample_time: float) -> CoherentBlock:
+    def block(self, frequency: float, sample_time: float) -> sampling.CoherentBlock:
         """Return the whole cycles in whole samples of one period of a frequency [Hz]."""
         if self.interleaved_cycles == 1:
-            return coherent_block(frequency * sample_time)
-        return interleaved_block(frequency * sample_time, self.interleaved_cycles)
+            return sampling.coherent_block(frequency * sample_time)
+        return sampling.interleaved_block(frequency * sample_time, self.interleaved_cycles)
 
     def check(self, sample_time: float) -> None:
         """Refuse frequencies from the Nyquist frequency on, and periods and records beyond the memory."""
-        check_nyquist(self.name, max(self.frequencies), sample_time, "lower it")
+        sampling.check_nyquist(self.name, max(self.frequencies), sample_time, "lower it")
         longest = self.interleaved_cycles / (min(self.frequencies) * sample_time)
         remedy = "leave the frequency out, or lower interleaved_cycles"
-        check_period(self.name, longest, sample_time, remedy, min(self.frequencies))
+        sampling.check_period(self.name, longest, sample_time, remedy, min(self.frequencies))
         recorded = sum(
             count * self.block(frequency, sample_time).samples
             for frequency, count in zip(self.frequencies, self._counts, strict=True)
         )
-        check_recorded(self.name, recorded, "lower period_counts or recorded_periods")
+        sampling.check_recorded(self.name, recorded, "lower period_counts or recorded_periods")
 
     @property
     def _counts(self) -> tuple[int, ...]:
@@ -91,5 +83,7 @@ class SineList(SettledExcitation, name="sine_list", version=1):
         found = []
         for frequency, amplitude, count in zip(self.frequencies, amplitudes, self._counts, strict=True):
             block = self.block(frequency, sample_time)
-            found.append(Period(amplitude * sine_wave(block), np.array([block.cycles]), recorded_periods=count))
+            found.append(
+                Period(amplitude * sampling.sine_wave(block), np.array([block.cycles]), recorded_periods=count)
+            )
         return tuple(found)

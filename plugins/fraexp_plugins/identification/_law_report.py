@@ -132,7 +132,9 @@ def identify_plant(
     bare = modal.log_data(free.response(response), free.relative_columns)
     plant = Solution(replace(model, ground=()), bare, solution.p[kept])
     fit = modal.report(plant, found.causes, replace(free.response(response), settled=response.settled))
-    fit = replace(fit, fits=tuple(_with_covariance(each, covariance[kept]) for each in fit.fits))
+    own_covariance = covariance[kept] @ covariance[kept].T
+    missing = fit.fits[0].values.size - len(own_covariance)  # a dead time that is fixed has none
+    fit = replace(fit, fits=tuple(replace(each, covariance=np.pad(own_covariance, (0, missing))) for each in fit.fits))
     known = dict(zip(model.ground, zip(forces, np.linalg.norm(covariance[own], axis=1), strict=True), strict=True))
     (viscous, viscous_std), (spring, _) = (known.get(name, (0.0, 0.0)) for name in GROUND)
     delay = model.delay(solution.p) if model.dead_time is None else 0.0
@@ -155,11 +157,6 @@ def square_root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a matrix whose product with its transpose is the covariance."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def _with_covariance(fit: Fit, root: NDArray[np.float64]) -> Fit:
-    """Return the plant's fit with the covariance of a root, shape (p, q); a dead time that is fixed has none."""
-    return replace(fit, covariance=np.pad(root @ root.T, (0, fit.values.size - len(root))))
 
 
 WIDTH_FORCE_RATIO = 1 - np.exp(-1)

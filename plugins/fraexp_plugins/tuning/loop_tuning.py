@@ -397,10 +397,8 @@ class LoopTuning(Estimator, name="loop_tuning", version=3):
 
     def _curves(self, loop: "_Loop", controller: Controller, name: str) -> tuple[Curve, ...]:
         sensitivity = loop.family.sensitivity(loop.family.control(controller))
-        over_frequency = {
-            "frequency": loop.family.band.frequency,
-            "largest sensitivity": _finite(sensitivity.max(axis=1)),
-        }
+        largest = np.where(np.isfinite(sensitivity), sensitivity, np.nan).max(axis=1)  # a gap where it may be unstable
+        over_frequency = {"frequency": loop.family.band.frequency, "largest sensitivity": largest}
         over_amplitude = {"amplitude": loop.friction.amplitudes, "modulus margin": 1 / sensitivity.max(axis=0)}
         return (
             Curve(name, over_frequency, {"frequency": "Hz", "largest sensitivity": "1"}),
@@ -468,11 +466,6 @@ def _frequencies(nyquist: float, modes: tuple[float, ...]) -> NDArray[np.float64
     near = [mode * np.linspace(1 - MODE_SPAN, 1 + MODE_SPAN, MODE_POINTS) for mode in modes]
     found = np.concatenate([np.geomspace(1e-4 * nyquist, 0.999 * nyquist, FREQUENCIES), *near])
     return np.unique(found[found < nyquist])
-
-
-def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return values with a gap where a loop may be unstable."""
-    return np.where(np.isfinite(values), values, np.nan)
 
 
 def _controller_fit(controller: NotchedPid) -> Fit:

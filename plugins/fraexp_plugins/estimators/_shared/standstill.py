@@ -122,7 +122,7 @@ def _hidden_force(
     force = observer.force_scale * force
     viscous = observer.law.viscous * (np.roll(y, -1) - y) / sample_time
     effective = _thrust(observer, segment) - _interval_means(force, observer.points(segment)) - viscous
-    stands = _standing(y, doubt.stop)
+    stands = np.abs(np.roll(y, -1) - y) <= doubt.stop  # it may, in the interval that begins with each sample
     standing = np.where(stands, np.clip(-effective, -doubt.change, doubt.change), 0.0)
     omega = 2 * np.pi * np.fft.rfftfreq(y.size, sample_time)
     advance = np.exp(0.5j * omega * sample_time / observer.points(segment)) - 1
@@ -154,14 +154,6 @@ def _unsampled_motion(observer: ObserverEstimator, segment: Segment) -> float:
     # acceleration jumps where a machine sticks or breaks away: harmonics fall with their third power, and those beyond
     # the octave add up to 1/(2² - 1) of it
     return float(1 / 3 * octave[octave > significant_deviation() * scatter].sum())
-
-
-def _standing(y: NDArray[np.float64], tolerance: float) -> NDArray[np.bool_]:
-    """Return whether the machine stands in the interval that begins with each sample, shape (n,).
-
-    It may where the position moves by no more than the tolerance.
-    """
-    return np.asarray(np.abs(np.roll(y, -1) - y) <= tolerance)
 
 
 def _thrust(observer: ObserverEstimator, segment: Segment) -> NDArray[np.float64]:
