@@ -44,7 +44,9 @@ def answers(
             yield label, delay
     if result.response is not None:
         within = BandReach.of(result.response).is_within() & result.response.settled
-        yield "band", f"within 0.5 dB and 3° at {within.sum()} of {plural(within.size, 'frequency', 'frequencies')}"
+        what = "" if "friction" in fits else ", of the response with its friction at this amplitude"
+        count = f"{within.sum()} of {plural(within.size, 'frequency', 'frequencies')}"
+        yield "band", f"within 0.5 dB and 3° at {count}{what}"
     if "friction" in fits:
         is_unexplained = any(metric.name == "friction law" and metric.value == 0 for metric in result.metrics)
         law = str(fits["friction"].component["name"])

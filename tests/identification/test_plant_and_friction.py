@@ -7,6 +7,7 @@ import pytest
 from fraexp_plugins.estimators.effective_input import EffectiveInput
 from fraexp_plugins.identification.plant_and_friction import PlantAndFriction
 
+from fraexp.analysis.confidence import BandReach
 from fraexp.components.kinds import FrictionModel, Plant
 from fraexp.components.registry import create
 from fraexp.data.findings import remarks
@@ -161,7 +162,9 @@ def test_presliding_identifies_the_plant_and_names_what_it_does_not_identify(rec
 def test_friction_of_another_kind_is_not_explained(recorded, friction):
     result = identified(recorded(stepped(12.0, 24.0), friction))
     assert result.outcome is not Outcome.OK
-    assert "no friction law explains" in result.message
+    (doubt,) = (finding for finding in result.findings if finding.kind == "undetermined")
+    assert doubt.examined == len(doubt.frequencies) == result.response.frequency.size
+    assert not BandReach.of(result.response).is_within().any(), "nothing bounds what a wrong law leaves"
 
 
 @pytest.mark.thorough

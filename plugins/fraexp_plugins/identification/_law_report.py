@@ -239,15 +239,18 @@ class LawChoice:
         """Phasors of each column [N/N], complex, shape (L, M, N)."""
         return self.records.deflection(self.best.law)
 
-    def doubt(self) -> str:
-        """Return why no law is to be believed; empty if there is one."""
+    def doubt(self) -> Finding | None:
+        """Return why no law is to be believed, nor P̂ beside it: nothing bounds what it leaves; None if there is one."""
         if self.best.explains:
-            return ""
+            return None
         left = ", ".join(f"{name} {residual:.3g}" for name, residual in self.residuals.items())
-        return (
-            f"no friction law explains the records; residual over what is allowed for: {left}, expected "
-            f"{ACCEPTABLE:g}: check delays and gains, or friction depends on the position, or is of another kind"
+        text = f"no friction law explains the records; residual over what is allowed for: {left}, expected "
+        remedy = (
+            "record a third amplitude between the others; check delays, gains, and that friction was the same in all "
+            "records; else friction depends on the position, or is of another kind"
         )
+        at = tuple(map(float, self.inverse.frequency))
+        return Finding("undetermined", frequencies=at, examined=len(at), text=f"{text}{ACCEPTABLE:g}", remedy=remedy)
 
     @cached_property
     def _solution(self) -> LawSolution:
@@ -458,7 +461,6 @@ class LawReport:
 
     def contradictions(self) -> Iterator[Finding | str]:
         """Yield what the records contradict."""
-        yield from filter(None, (self.found.doubt(),))
         if self.plant and self.plant.fall > significant_deviation():
             yield (
                 "the friction force falls with velocity, hence the Coulomb force is lower beyond the velocities of the "

@@ -36,7 +36,7 @@ MAX_LINE_SCATTER = 0.1
 """Relative scatter of P̂ over the amplitudes up to which a frequency counts for the plant."""
 
 
-class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=11):
+class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=12):
     """Friction, P̂ and the plant of eq (1) together, such that P̂ is the same at all amplitudes and phases.
 
     G_di G_do U_a = Y_a/P + F_a for each record a, at each excited line, with a 1/P of its own, and at the odd harmonics
@@ -248,4 +248,7 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=11):
             curves=(*report.curves(), *fitted.curves),
             fits=(*fitted.fits, report.friction()),
         )
-        return result.with_findings(remark, *report.contradictions(), is_doubt=True)
+        if (doubt := found.doubt()) and result.response is not None:
+            unknown = np.full_like(result.response.covariance, np.nan)
+            result = replace(result, response=replace(result.response, covariance=unknown))
+        return result.with_findings(remark, doubt, *report.contradictions(), is_doubt=True)

@@ -101,7 +101,8 @@ def plant_band(
 
 
 def _must_be_positive(fit: Fit) -> NDArray[np.bool_]:
-    return np.array([name.partition(".")[0] in ("rigid_body_gain", "frequencies") for name in fit.parameters])
+    positive = ("rigid_body_gain", "frequencies", "viscous_coefficient", "ground_stiffness")
+    return np.array([name.partition(".")[0] in positive for name in fit.parameters])
 
 
 def _response_radii(
