@@ -29,10 +29,13 @@ def answers(
     result = list(results.values())[-1] if results else Result(Outcome.ERROR)
     yield "records", _records_text(files, look)
     yield "method", f"{choice.estimator['name']}: {choice.reason}"
-    yield "friction", _friction_text(look, result)
     fits = {fit.kind: fit for fit in result.fits}
+    contradiction, is_certain = _contradiction(results) if result.outcome is not Outcome.OK else ("", False)
+    if is_certain and "plant" not in fits:  # nothing else that such files say is of one machine
+        yield "plant", f"none was found: {contradiction}"
+        return
+    yield "friction", _friction_text(look, result)
     found = _plant_text(fits["plant"], result.response.unit if result.response else "") if "plant" in fits else ""
-    contradiction = _contradiction(results) if result.outcome is not Outcome.OK else ""
     yield "plant", found or f"none was found: {contradiction or 'see what is open'}"
     if found and contradiction:
         yield "open", contradiction
@@ -65,11 +68,14 @@ def gains(tuned: Result) -> Iterator[tuple[str, str]]:
             yield "margins", ", ".join(f"{name} {_metric_text(tuned, name)}" for name in MARGINS)
 
 
-def _contradiction(results: Mapping[str, Result]) -> str:
-    """Return how two files differ beyond their bands where friction matters least; empty if none do."""
+def _contradiction(results: Mapping[str, Result]) -> tuple[str, bool]:
+    """Return how two files differ beyond their bands where friction matters least, and whether friction cannot do it.
+
+    The text is empty if none do.
+    """
     own = (RESPONSE, PLANT, ALL_RECORDS)
     shown = [(label, of.response) for label, of in results.items() if label not in own and of.response is not None]
-    worst, text = 0.0, ""
+    worst, text, is_turned = 0.0, "", False
     for (one, first), (other, second) in combinations(shown, 2):
         frequency, *places = np.intersect1d(first.frequency, second.frequency, return_indices=True)
         for highest, *at in list(zip(frequency, *places, strict=True))[-1:]:
@@ -89,7 +95,7 @@ def _contradiction(results: Mapping[str, Result]) -> str:
                     )
                 size = f"{20 / np.log(10) * change.real:.3g} dB and {np.degrees(change.imag):.3g}°"
                 text = f"{one} and {other} {found}, at {highest:.4g} Hz by {size}; {remedy}"
-    return text
+    return text, bool(is_turned)
 
 
 def _records_text(files: Sequence[Path], look: RecordLook) -> str:
