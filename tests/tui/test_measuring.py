@@ -129,7 +129,7 @@ def test_a_program_of_a_study_is_allowed_in_a_dialog_before_it_runs(tmp_path, mo
         await pilot.press("m")
         await shows(pilot, "'command' offers no disable")
         await pilot.press("f5")
-        await shows(pilot, "The study would run", "python3 axis.py in", "Allow it, now and later?")
+        await shows(pilot, "The study would run", "python3", "axis.py in", "Allow it, now and later?")
         await pilot.press("n")
         await until(pilot, lambda: isinstance(app.screen, MeasurementPlanPage))
         assert not (tmp_path / "consents").exists()
