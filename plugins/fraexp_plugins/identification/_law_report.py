@@ -244,13 +244,19 @@ class LawChoice:
         if self.best.explains:
             return None
         left = ", ".join(f"{name} {residual:.3g}" for name, residual in self.residuals.items())
-        text = f"no friction law explains the records; residual over what is allowed for: {left}, expected "
+        residual = f"residual over what is allowed for: {left}, expected {ACCEPTABLE:g}"
         remedy = (
             "record a third amplitude between the others; check delays, gains, and that friction was the same in all "
             "records; else friction depends on the position, or is of another kind"
         )
         at = tuple(map(float, self.inverse.frequency))
-        return Finding("undetermined", frequencies=at, examined=len(at), text=f"{text}{ACCEPTABLE:g}", remedy=remedy)
+        return Finding(
+            "undetermined",
+            frequencies=at,
+            examined=len(at),
+            text=f"no friction law explains the records ({residual})",
+            remedy=remedy,
+        )
 
     @cached_property
     def _solution(self) -> LawSolution:

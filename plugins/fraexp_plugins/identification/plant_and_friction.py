@@ -250,5 +250,6 @@ class PlantAndFriction(DelayedEstimator, name="plant_and_friction", version=12):
         )
         if (doubt := found.doubt()) and result.response is not None:
             unknown = np.full_like(result.response.covariance, np.nan)
-            result = replace(result, response=replace(result.response, covariance=unknown))
+            response = replace(result.response, covariance=unknown, model_covariance=None)
+            result = replace(result, response=response)
         return result.with_findings(remark, doubt, *report.contradictions(), is_doubt=True)
