@@ -7,16 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fraexp.api import Excitation, Feedforward, FrictionModel, ParameterError, Period, Plant, Schedule, param
+from fraexp_plugins.positioning._shared import motion_profiles
 from fraexp_plugins.positioning._shared.design_model import DesignModel
-from fraexp_plugins.positioning._shared.motion_profiles import (
-    POINTS_PER_SAMPLE,
-    DeadbeatTask,
-    JerkLimitedTask,
-    MotionPlan,
-    MotionTask,
-    plan_motion,
-    rigid_body_gain,
-)
 
 DIFFERENCE_ORDERS = {"energy": 0, "jerk": 1, "snap": 2}
 """Order of the differences of the thrust that each cost makes small; of a rigid body, thrust is acceleration."""
@@ -90,7 +82,7 @@ class PointToPoint(Excitation, name="point_to_point", version=1):
         """Refuse moves that are too short for the design model or the force limit."""
         self.plan(sample_time)
 
-    def plan(self, sample_time: float) -> MotionPlan:
+    def plan(self, sample_time: float) -> motion_profiles.MotionPlan:
         """Return the planned motion, sampled at `sample_time` [s]."""
         try:
             hash(self)
@@ -106,7 +98,7 @@ class PointToPoint(Excitation, name="point_to_point", version=1):
         thrust, reference, displacement = (
             table / distance for table in (plan.thrust, plan.reference, plan.displacement)
         )
-        return Feedforward(thrust, reference, displacement, POINTS_PER_SAMPLE, self.friction, limit)
+        return Feedforward(thrust, reference, displacement, motion_profiles.POINTS_PER_SAMPLE, self.friction, limit)
 
     def periods(self, sample_time: float) -> tuple[Period, ...]:
         """Return the whole motion as one period, which is run once."""
@@ -121,7 +113,7 @@ class PointToPoint(Excitation, name="point_to_point", version=1):
 
 
 @lru_cache(64)
-def _cached_plan(motion: PointToPoint, sample_time: float) -> MotionPlan:
+def _cached_plan(motion: PointToPoint, sample_time: float) -> motion_profiles.MotionPlan:
     """Return the plan: cached, as a study checks a motion before running it, often on many machines."""
     times = (min(time / sample_time, 1e18) for time in (motion.duration, motion.dwell_time))
     move_samples, rest_samples = (int(np.ceil(time - 1e-9)) for time in times)
@@ -133,12 +125,12 @@ def _cached_plan(motion: PointToPoint, sample_time: float) -> MotionPlan:
             f"point_to_point has {samples:,} samples; expected {MAX_MOTION_SAMPLES:,} or fewer: shorten {longer}{fewer}"
         )
     try:
-        return plan_motion(_task(motion, sample_time, move_samples, rest_samples))
+        return motion_profiles.plan_motion(_task(motion, sample_time, move_samples, rest_samples))
     except ParameterError as error:
         raise ParameterError(f"point_to_point: {error}") from None
 
 
-def _task(motion: PointToPoint, sample_time: float, move_samples: int, rest_samples: int) -> MotionTask:
+def _task(motion: PointToPoint, sample_time: float, move_samples: int, rest_samples: int) -> motion_profiles.MotionTask:
     model = DesignModel.from_plant(
         motion.plant.state_space(),
         sample_time,
@@ -148,8 +140,8 @@ def _task(motion: PointToPoint, sample_time: float, move_samples: int, rest_samp
     )
     parts = (model, motion.friction, motion.distances, move_samples, rest_samples, motion.force_limit)
     if motion.profile == "jerk_limited":
-        return JerkLimitedTask(*parts, rigid_body_gain(motion.plant))
-    return DeadbeatTask(*parts, DIFFERENCE_ORDERS[motion.cost])
+        return motion_profiles.JerkLimitedTask(*parts, motion_profiles.rigid_body_gain(motion.plant))
+    return motion_profiles.DeadbeatTask(*parts, DIFFERENCE_ORDERS[motion.cost])
 
 
 def _lines(thrust: NDArray[np.float64]) -> NDArray[np.int64]:
