@@ -119,9 +119,10 @@ class Fitted:
 
     @property
     def shared_error(self) -> NDArray[np.float64]:
-        """What the replay's steps may still falsify of the shared logarithms, shape (p,)."""
+        """What the replay's steps may still falsify of the shared logarithms, shape (p,), and what is not corrected."""
         assert self.error is not None
-        return np.asarray(self.error.remaining * self.error.shared_change)
+        uncorrected = self.state.shared + self.error.shared_change - self.shared
+        return np.asarray(self.error.remaining * self.error.shared_change + uncorrected)
 
     @property
     def inverse_error(self) -> list[NDArray[np.float64]]:
